@@ -29,7 +29,7 @@ from featherfx.feather.outline import (
     outline_curve,
     ray_lengths,
 )
-from featherfx.feather.rachis import Rachis
+from featherfx.feather.profiles import Rachis
 from featherfx.feather.types import LEADING, Array
 from featherfx.groom.course import BARB_PIECES, bends, chord, turn, turned, wound
 from featherfx.groom.types import BarbGuide, FeatherKind

@@ -12,7 +12,7 @@ import numpy as np
 
 from featherfx.errors import Problem, require
 from featherfx.feather.outline import describe_outline_fault
-from featherfx.feather.rachis import build_rachis
+from featherfx.feather.profiles import build_rachis
 from featherfx.feather.types import (
     LEADING,
     TRAILING,

@@ -13,7 +13,7 @@ import numpy as np
 
 from featherfx.algebra.types import Flags
 from featherfx.feather.barbs import Barbs, trace_barbs, without_barb
-from featherfx.feather.rachis import Rachis
+from featherfx.feather.profiles import Rachis
 from featherfx.feather.types import (
     LEADING,
     RACHIS_PART,

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from featherfx.errors import InputError, Problem
-from featherfx.jit.code_cache import ROOT, KernelStore
+from featherfx.jit.code_cache import ROOT, CannotBeLoadedError, KernelStore, load_object
 from featherfx.jit.kernel_calls import (
     INLINED,
     LoadedKernel,
@@ -26,7 +26,6 @@ from featherfx.jit.kernel_calls import (
     encode_arguments,
     find_kernel,
 )
-from featherfx.jit.object_loader import CannotBeLoadedError, load_object
 
 if os.environ.get("NUMBA_DISABLE_JIT", "").strip() not in ("", "0"):
     _DISABLED = "is set, but the solver works only as machine code; unset it"

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from featherfx.algebra.triangulation import triangulate
+from featherfx.algebra.triangulation import orient, triangulate
 from featherfx.algebra.vectors import face_products
-from featherfx.algebra.winding import orient
 from featherfx.groom.skin.faults import signed_volume
 
 BALL = trimesh.creation.icosphere(subdivisions=2)

@@ -10,7 +10,7 @@ from feather_kinds import NO_VANE, SWAN_PRIMARY, feather_kind
 from scipy.spatial.transform import Rotation
 
 from featherfx.feather.build import build_feather
-from featherfx.feather.rachis import build_rachis, row_stations
+from featherfx.feather.profiles import build_rachis, row_stations
 from featherfx.groom.course import turn, turned
 
 

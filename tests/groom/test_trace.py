@@ -8,7 +8,7 @@ import pytest
 from commands import invoke
 from PIL import Image
 
-from featherfx.feather.rachis import build_rachis
+from featherfx.feather.profiles import build_rachis
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.kinds import kind_of
 from featherfx.groom.presets.library import Library

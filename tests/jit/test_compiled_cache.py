@@ -13,7 +13,7 @@ from kernel_runs import NONE, ROOT
 from numba import typeof
 
 from featherfx.algebra import vector_kernels
-from featherfx.jit import code_cache, object_loader
+from featherfx.jit import code_cache
 from featherfx.jit.compiler import describe_types
 from featherfx.jit.kernel_calls import describe_argument
 
@@ -86,7 +86,7 @@ def test_another_process_loads_what_one_compiled(run_kernels, tmp_path, compiled
     assert (value, rest) == ("4.0", "(3.0, 3) 9.0 []\nFalse\n"), "the compiler was loaded, too"
 
 
-LLVM = "from featherfx.jit import object_loader as o; o.can_load = lambda: False"
+LLVM = "from featherfx.jit import code_cache as o; o.can_load = lambda: False"
 
 
 def test_llvm_loads_what_is_not_loaded_here(run_kernels, tmp_path, compiled_once):
@@ -97,10 +97,8 @@ def test_llvm_loads_what_is_not_loaded_here(run_kernels, tmp_path, compiled_once
 def test_an_address_that_a_place_cannot_hold_is_left_to_llvm():
     place = ctypes.create_string_buffer(16)
     half = struct.pack("<QQq", 0, 2, 0)  # to symbol 0, from the place on, half a word
-    with pytest.raises(object_loader.CannotBeLoadedError):
-        object_loader._relocate(
-            half, ctypes.addressof(place), [ctypes.addressof(place) + (1 << 40)]
-        )
+    with pytest.raises(code_cache.CannotBeLoadedError):
+        code_cache._relocate(half, ctypes.addressof(place), [ctypes.addressof(place) + (1 << 40)])
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import sys
 import pytest
 from places import SAMPLES
 
-from featherfx.jit.object_loader import can_load
+from featherfx.jit.code_cache import can_load
 
 ALTERNATE = """
 import numpy as np

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from pxr import UsdGeom
 
-from featherfx.algebra.triangulation import triangulate
+from featherfx.algebra.triangulation import orient, triangulate
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.algebra.winding import orient
 from featherfx.groom.skin.skin import is_flat
 from featherfx.usd.read.stage import list_times
 from featherfx.usd.read.values import (

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from featherfx.algebra.interpolation import Knots, Maps, Stencil
+from featherfx.algebra.triangulation import orient
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import cross_columns, triangle_edges
-from featherfx.algebra.winding import orient
 from featherfx.errors import InputError, InputWarning, Problem, as_figure
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.skin import closest
