@@ -15,7 +15,7 @@ from featherfx.feather.build import build_feather
 from featherfx.feather.types import stacked
 from featherfx.groom.types import Placement
 from featherfx.shot.detail.guided import Followers, Shapes
-from featherfx.shot.detail.guides import guide_weights, root_distances
+from featherfx.shot.detail.guides import guide_weights, make_skin_graph, root_distances
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.types import Detail, Motion, Shot
@@ -175,7 +175,9 @@ def test_ways_go_along_the_skin() -> None:
             a, b, c, d = (ax, y, az), (bx, y, bz), (bx, y + 0.025, bz), (ax, y + 0.025, az)
             corners += [(a, b, c), (a, c, d)]
     roots = np.array([(0.2, 0.05, 0.0), (0.2, 0.05, 0.01), (0.5, 0.05, 0.0)])
-    source, root, way = root_distances(roots, np.array([0]), np.array(corners), 10.0)
+    source, root, way = root_distances(
+        roots, np.array([0]), make_skin_graph(roots, np.array(corners)), 10.0
+    )
     assert source.tolist() == [0, 0, 0]
     assert root.tolist() == [0, 1, 2]
     assert way[0] == 0.0

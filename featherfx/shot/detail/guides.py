@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
+from featherfx.algebra.surface_elements import weld
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.files.content import digest
@@ -116,11 +117,13 @@ def guide_weights(shot: Shot, followers: Indices, simulated: Indices) -> tuple[I
 def _guide_weights(shot: Shot, followers: Indices, simulated: Indices) -> dict[str, Any]:
     """The guides, and the parts of their weights as a compressed sparse matrix."""
     regions = np.array([placement.region for placement in shot.groom.feathers], dtype=object)
+    every = _roots(shot, range(len(regions)))
+    skin = make_skin_graph(every, shot.skin_corners())
     rows, columns, values = [], [], []
     for region in dict.fromkeys(regions[followers]):
         own = np.flatnonzero(regions[followers] == region)
         guides = simulated[regions[simulated] == region]
-        row, column, value = _weights(shot, followers[own], guides)
+        row, column, value = _weights(shot, followers[own], guides, skin)
         rows.append(own[row])
         columns.append(guides[column])
         values.append(value)
@@ -131,7 +134,9 @@ def _guide_weights(shot: Shot, followers: Indices, simulated: Indices) -> dict[s
     return {"guides": used, **parts}
 
 
-def _weights(shot: Shot, followers: Indices, guides: Indices) -> tuple[Indices, Indices, Array]:
+def _weights(
+    shot: Shot, followers: Indices, guides: Indices, skin: SkinGraph | None
+) -> tuple[Indices, Indices, Array]:
     """Follower, guide and weight of every pair within one region."""
     own, other = _roots(shot, followers), _roots(shot, guides)
     few = min(MAX_GUIDES + 1, len(guides))
@@ -139,9 +144,9 @@ def _weights(shot: Shot, followers: Indices, guides: Indices) -> tuple[Indices, 
     straight, near = straight.reshape(-1, few), near.reshape(-1, few)
     reach = _DETOUR * float(straight.max()) + _SAME_PLACE
     sources = len(own) + np.arange(len(guides))
-    guide, follower, way = root_distances(
-        np.concatenate([own, other]), sources, shot.skin_corners(), reach
-    )
+    if skin is not None:
+        skin = skin._replace(under=skin.under[np.concatenate([followers, guides])])
+    guide, follower, way = root_distances(np.concatenate([own, other]), sources, skin, reach)
     kept = follower < len(own)
     guide, follower, way = guide[kept], follower[kept], way[kept]
     # those that no way leads to take the guide that is nearest by air
@@ -192,16 +197,36 @@ def _roots(shot: Shot, members: Sequence[int] | Indices) -> Array:
     return np.array(positions, dtype=np.float64).reshape(-1, 3)
 
 
+class SkinGraph(NamedTuple):
+    """A skin and F roots on it. points: (V, 3) m, each once. edges: (E, 2) of points, each once.
+    under: (F, 3) points, corners of the triangle nearest to each root."""
+
+    points: Array
+    edges: Indices
+    under: Indices
+
+
+def make_skin_graph(roots: Array, corners: Array | None) -> SkinGraph | None:
+    """The graph of a skin with corners (T, 3, 3) m under roots (F, 3) m, None without one."""
+    if corners is None or not len(corners):
+        return None
+    points, triangles = weld(np.round(corners, _WELD_DIGITS))
+    ends = np.sort(np.concatenate([triangles[:, (k, (k + 1) % 3)] for k in range(3)]), axis=1)
+    edge = np.unique(ends[:, 0] * len(points) + ends[:, 1])
+    edges = np.stack(np.divmod(edge, len(points)), axis=1)
+    return SkinGraph(points, edges, triangles[closest(roots, corners)[0]])
+
+
 def root_distances(
-    roots: Array, sources: Indices, corners: Array | None, reach: float
+    roots: Array, sources: Indices, skin: SkinGraph | None, reach: float
 ) -> tuple[Indices, Indices, Array]:
     """Ways from some of the roots, by their numbers, to all roots (F, 3) m that are within reach.
 
-    Returns source (K,), its place in sources; root (K,); and distance (K,) m. corners: (T, 3, 3) m
-    of the skin, or None for straight distances. reach: m. Parts of a skin that do not hang
-    together are out of reach of each other.
+    Returns source (K,), its place in sources; root (K,); and distance (K,) m. skin: of these roots,
+    None for straight distances. reach: m. Parts of a skin that do not hang together are out of
+    reach of each other.
     """
-    graph = None if corners is None or not len(corners) else _graph(roots, corners)
+    graph = None if skin is None else _graph(roots, skin)
     found = []
     for start in range(0, len(sources), _SOURCES_AT_ONCE):
         some = sources[start : start + _SOURCES_AT_ONCE]
@@ -225,25 +250,19 @@ def _along(graph: Any, first: int, sources: Indices, reach: float) -> Array:
     return np.asarray(ways[:, first:])
 
 
-def _graph(roots: Array, corners: Array) -> tuple[Any, int]:
+def _graph(roots: Array, skin: SkinGraph) -> tuple[Any, int]:
     """Sparse graph of lengths, and the number of the first root's node."""
-    points, number = np.unique(
-        np.round(corners.reshape(-1, 3), _WELD_DIGITS), axis=0, return_inverse=True
-    )
-    triangles = number.reshape(-1, 3)
-    on, _ = closest(roots, corners)
-    first, count = len(points), len(points) + len(roots)
-    every, own = first + np.arange(len(roots)), triangles[on]
-    ends = [triangles[:, (k, (k + 1) % 3)] for k in range(3)]
-    ends += [np.column_stack([every, own[:, k]]) for k in range(3)]
+    first, count = len(skin.points), len(skin.points) + len(roots)
+    every, own = first + np.arange(len(roots)), skin.under
+    ends = [skin.edges, *(np.column_stack([every, own[:, k]]) for k in range(3))]
     _, near = search_tree(roots).query(roots, k=min(_NEAR_ROOTS + 1, len(roots)))
     near = near.reshape(len(roots), -1)
     pairs = np.column_stack([np.repeat(np.arange(len(roots)), near.shape[1]), near.ravel()])
     pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+    pairs = np.unique(np.sort(pairs, axis=1), axis=0)
     shared = (own[pairs[:, 0], :, None] == own[pairs[:, 1], None, :]).any(axis=(1, 2))
     ends.append(first + pairs[shared])
-    edges = np.unique(np.sort(np.concatenate(ends), axis=1), axis=0)
-    places = np.concatenate([points, roots])
+    edges, places = np.concatenate(ends), np.concatenate([skin.points, roots])
     lengths = np.linalg.norm(places[edges[:, 0]] - places[edges[:, 1]], axis=1)
     # an edge without length would be no edge to the graph's routines
     lengths = np.maximum(lengths, 1e-12)
