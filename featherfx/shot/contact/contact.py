@@ -2,7 +2,8 @@
 
 Within a frame the feathers that touch must know of each other at the same times, so they take
 common steps: a given number per frame, or as many as most of them need to keep to the quality's
-tolerance; the others divide these into steps of their own, while what they touch moves evenly.
+tolerance. The others divide these into steps of their own, but for feathers that press each other:
+forces that both feel at the ends of the same steps carry the same momentum.
 """
 
 from __future__ import annotations
@@ -151,6 +152,10 @@ class ShotContact:
             steps=self.contact.steps,
             substeps=substeps,
             thickness=np.maximum(self._thickness, 2.0 * self.solver.settings.tolerance),
+            tolerance=np.repeat(
+                [solver.settings.tolerance for solver in self.solver.solvers],
+                np.diff(self.solver.grids.first),
+            ),
             rounds=self.solver.settings.rounds,
             iterations=MAX_INTERVAL_WORK,
             names=self.names,

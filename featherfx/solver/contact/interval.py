@@ -62,8 +62,9 @@ integrator_kernels = KernelModule("featherfx.solver.step.integrator_kernels")
 Flags = NDArray[np.bool_]
 
 # springs of a round over the estimated stiffness of one node: of 2 to 16, 8 took the fewest
-# iterations in a dense plumage (stiffer ones leave feathers unsolved)
-_FIT = 8.0
+# iterations in a dense plumage (stiffer ones leave feathers unsolved); between two bodies that are
+# solved, over its inertia: of 1 to 8, 2 takes a third of the rounds of 8 for swinging plates
+_FIT, _INERTIA_FIT = 8.0, 2.0
 # gap, over the margin, beyond which a contact without a force is not handed to a feather
 _FAR = 0.5
 # stiffness of contacts that yield, over what it would be
@@ -247,6 +248,7 @@ class ContactSolver:
             run.start[~free], run.now[~free] = led.start[~free], led.end[~free]
         self._fixed = np.zeros(len(free), dtype=np.int8) if led is None else led.fixed.astype("i1")
         self._free, memory, rounds = free, self.memory, 0
+        self._borne = (self._count_pressing(memory) > 0).astype(np.int8)
         stale = free.copy() if resting is None else free & ~resting
         soft = np.zeros(self.grids.bodies, dtype=np.int8)
         if yielding is not None:
@@ -366,7 +368,8 @@ class ContactSolver:
         settings, (memory, before), (turns, again) = self.settings, known, manner
         inertia = self._inertia(run.duration) * self._mass
         whole, firm = _FIT * (inertia + self._elastic), _FIT * (inertia + self._firm)
-        impedance = _FIT * (inertia + self._elastic / self._pressing(memory)[:, None, None])
+        sharing = np.maximum(self._count_pressing(memory), 1)[:, None, None]
+        impedance = _INERTIA_FIT * inertia + _FIT * self._elastic / sharing
         impedance[~self._free] = _RIGID
         bodies = moving_bodies(run.start, run.now, impedance)
         self._found_in = memory._replace(inside=memory.inside.copy())
@@ -388,8 +391,8 @@ class ContactSolver:
             self._listed = self._listed._replace(items=room)
         list_kernels.list_by_body(*found, self._listed)
 
-    def _pressing(self, memory: ContactMemory) -> Array:
-        """(B,) contacts that press each body together and share its elasticity, 1 at least.
+    def _count_pressing(self, memory: ContactMemory) -> Indices:
+        """(B,) contacts that press each body together and share its elasticity.
 
         With a spring as stiff as the whole body for each of N, a round would remove an N-th of what
         is amiss.
@@ -397,7 +400,7 @@ class ContactSolver:
         _, rows, columns = memory.wall.shape
         pair = memory.key[memory.force.max(axis=1, initial=0.0) > 0.0] // (rows * columns)
         bodies = self.candidates.pairs[pair].ravel()
-        return np.maximum(np.bincount(bodies, minlength=self.grids.bodies), 1.0)
+        return np.bincount(bodies, minlength=self.grids.bodies)
 
     def _followed(self, duration: float) -> Array:
         """(B, n, 1 + 2 m) part of what its root goes, beyond where a node is headed, that the node
@@ -431,13 +434,14 @@ class ContactSolver:
         touching = self._neighbours()
         count, island = islands_of(touching)
         island[~self._free | run.failed() | lost] = -1
-        marks = run.marks(island, stale, soft, self._fixed)
+        marks = run.marks(island, stale, soft, self._fixed, self._borne)
         islands = islands_before(count, island, limit_threads(self._team.jobs))
         room = 3 * int(np.diff(self._listed.first).max(initial=0))
         sweep = Sweep(
             batches=run.batches(room),
             step=run.step,
             alone=run.alone,
+            shared=run.step._replace(shortest=run.step.duration),
             touch=self.found.touch,
             contacts=self.found.number,
             listed=self._listed,

@@ -25,6 +25,8 @@ _GENTLE = 1e-2
 # contacts that press from opposite sides: cosine between their normals, and how many rows they are
 # apart, at most
 _OPPOSED, _BESIDE = -0.5, 1
+# m, how far planes of bodies that are solved as well begin away
+_ABSENT = 1e3
 
 
 @kernel
@@ -193,6 +195,18 @@ def is_pressed(body, touch, listed):
 
 
 @kernel
+def is_shared(body, touch, listed, mine):
+    """Return whether a body that is solved as well (mine) presses a body, or is in it."""
+    for at in range(listed.first[body], listed.first[body + 1]):
+        contact = touch[listed.items[at]]
+        if is_led(contact, body, mine):
+            continue
+        if contact.guest_force > 0.0 or contact.host_force > 0.0 or contact.gap < 0.0:
+            return True
+    return False
+
+
+@kernel
 def closed_on_led(body, touch, listed, mine):
     """Return whether a contact of a body with what is led (is_led) closed in the last solve: it had
     no friction yet, for that goes by the force of the solve before."""
@@ -259,7 +273,11 @@ def hand_out(body, touch, listed, mine, start, now, rules, planes):
         force = contact.host_force if is_guest else contact.guest_force
         if force == 0.0 and contact.gap > rules.reach:
             continue
-        to = _hand_to(contact, body, start, now, rules, planes, to)
+        first, to = to, _hand_to(contact, body, start, now, rules, planes, to)
+        if not is_led(contact, body, mine):
+            # what is solved as well is where it is found at the end, and nowhere before
+            for at_plane in range(first, to):
+                planes.offset[at_plane, 0] = planes.offset[at_plane, 1] - _ABSENT
     return to
 
 

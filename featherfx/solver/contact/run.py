@@ -72,7 +72,7 @@ class Marks(NamedTuple):
     those, -1 of others. fresh: to be solved in the first round, whatever contacts. soft: whose
     contacts yield. active: to be solved in this round. moved: or what they touch, since worst and
     depth, m, of their contacts were looked at. solves: of each. status: of the solves. fixed:
-    led for good (LedMotion)."""
+    led for good (LedMotion). borne: whether other bodies pressed them before the interval."""
 
     mine: Bytes
     island: Indices
@@ -85,6 +85,7 @@ class Marks(NamedTuple):
     solves: Indices
     status: Array
     fixed: Bytes
+    borne: Bytes
 
 
 class Islands(NamedTuple):
@@ -125,12 +126,13 @@ class RoundRules(NamedTuple):
 
 
 class Sweep(NamedTuple):
-    """Data that the team works on. step, alone: settings of a body, and of one that nothing
-    presses."""
+    """Data that the team works on. step, alone, shared: settings of a body, of one that nothing
+    presses, and of one that another presses that is solved as well."""
 
     batches: Batches
     step: StepSettings
     alone: StepSettings
+    shared: StepSettings
     touch: NDArray[np.void]
     contacts: int
     listed: ByBody
@@ -290,7 +292,9 @@ class BatchRun:
             unsolved=0.0,
         )
 
-    def marks(self, island: Indices, fresh: Flags, soft: Bytes, fixed: Bytes) -> Marks:
+    def marks(
+        self, island: Indices, fresh: Flags, soft: Bytes, fixed: Bytes, borne: Bytes
+    ) -> Marks:
         """Bodies of some islands (B,), -1 for those that are not solved. The others: of Marks."""
         return Marks(
             mine=(island >= 0).astype(np.int8),
@@ -304,6 +308,7 @@ class BatchRun:
             solves=self.solves,
             status=self.report.status,
             fixed=fixed,
+            borne=borne,
         )
 
     def batches(self, room: int) -> Batches:

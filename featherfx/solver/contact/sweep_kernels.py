@@ -14,11 +14,13 @@ from featherfx.algebra.thread_team import forget_tickets, meet, say_done, ticket
 from featherfx.algebra.vector_kernels import copy_values
 from featherfx.algebra.views import viewed
 from featherfx.jit.compiled import kernel
+from featherfx.mechanics.row_kernels import copy_points, points_of
 from featherfx.solver.contact.colour_kernels import colour_island, colour_some
 from featherfx.solver.contact.list_kernels import (
     closed_on_led,
     hand_out,
     is_pressed,
+    is_shared,
     measure,
     residual,
     share_pinch,
@@ -156,13 +158,32 @@ def _advance(body, thread, reach, frame, sweep):
 
 
 @kernel
+def _end_blow(body, sweep):
+    """Leave a body that was struck the accelerations of before: a blow is an impulse.
+
+    To go on with its acceleration would give a part of the impulse once more, and energy with it.
+    """
+    batches = sweep.batches
+    g, f = batches.batch[body], batches.place[body]
+    if sweep.marks.borne[body] != 0:
+        return
+    old, new = viewed(batches.old, g), viewed(batches.new, g)
+    copy_points(points_of(old.acceleration, f), points_of(new.acceleration, f))
+    copy_points(points_of(old.smoothed, f), points_of(new.smoothed, f))
+
+
+@kernel
 def _solve(body, thread, reach, sweep):
-    """Solve one body: as a feather alone if nothing presses it, before as after."""
+    """Solve one body: as a feather alone if nothing presses it, before as after; in one step if
+    what is solved as well presses it: forces at the ends of their steps are equal and opposite."""
     alone = not is_pressed(body, sweep.touch, sweep.listed)
     if alone and not _advance(body, thread, reach, sweep.alone, sweep):
         return
     if not alone or is_pressed(body, sweep.touch, sweep.listed):
-        _advance(body, thread, reach, sweep.step, sweep)
+        if not is_shared(body, sweep.touch, sweep.listed, sweep.marks.mine):
+            _advance(body, thread, reach, sweep.step, sweep)
+        elif _advance(body, thread, reach, sweep.shared, sweep):
+            _end_blow(body, sweep)
 
 
 @kernel
