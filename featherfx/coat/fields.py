@@ -46,7 +46,8 @@ MIN_PACE = 0.2
 _STEEPNESS, _DENSE_STEEPNESS = 1.0, 0.5
 # levels of leaves in use, of those that there are room for, from which on a coat is dense
 _CROWDED = 0.4
-_MIN_DENSITY = 1e-300  # 1/m^2, far from all follicles
+# of the greatest, density far from all places, and least levels in use
+_FAR_DENSITY, _MIN_LEVELS = 1e-9, 1e-12
 
 
 class CoatSpacing(NamedTuple):
@@ -135,10 +136,13 @@ class SkinMeans:
         shape = count, len(elements.masses)
         values = np.broadcast_to(weights, count)[:, None] * places.place
         self._spread = csr_array((values.ravel(), rows), shape=shape).T
-        self.density = np.maximum(self._solve(self._spread @ np.ones(count)), _MIN_DENSITY)
+        own = self._solve(self._spread @ np.ones(count))
+        self._least = _FAR_DENSITY * own.max()
+        self.density = np.maximum(own, 0.0) + self._least
 
     def __call__(self, data: Array) -> Array:
-        found = self._solve(self._spread @ data)
+        """Means (V, ...) of data (N, ...); far from all places that of all."""
+        found = self._solve(self._spread @ data) + self._least * np.mean(data, axis=0)
         return np.asarray((found.T / self.density).T)
 
 
@@ -227,5 +231,5 @@ def _find_capacity(
     wanted = needed * spacing.gap / (_CROWDED * spacing.thickness)
     crowded = np.clip(wanted / slope_of_leaf(np.ones(1), np.array([_STEEPNESS])) - 1.0, 0.0, 1.0)
     steepness = _STEEPNESS + crowded * (_DENSE_STEEPNESS - _STEEPNESS)
-    room = slope_of_leaf(np.ones(len(root)), steepness) / np.maximum(wanted, _MIN_DENSITY)
+    room = slope_of_leaf(np.ones(len(root)), steepness) / np.maximum(wanted, _MIN_LEVELS)
     return steepness, spacing.gap * np.minimum(1.0, room)

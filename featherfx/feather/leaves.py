@@ -21,15 +21,17 @@ from featherfx.algebra.vectors import dots, face_products, unit
 from featherfx.coat.coat import Coat, StackReport, describe_doubts, draw, grow_coat, stack
 from featherfx.coat.fields import CoatSpacing, Follicles
 from featherfx.coat.forms import PlaneForms, make_plane_forms
+from featherfx.coat.sheets import sew_fan
 from featherfx.errors import InputWarning
 from featherfx.feather.shapes import build_plane_feathers
-from featherfx.feather.types import Feather, FeatherSurface, RowPoints
+from featherfx.feather.types import Feather, FeatherSurface, RowPoints, stacked
 from featherfx.files.content import digest
 from featherfx.groom.skin.skin import closest
 from featherfx.groom.types import Groom, Placement
 
 # of a feather's length: roots that are farther from the skin stand on something else
 _MAX_DISTANCE = 0.05
+_SHORTEST_OF_FAN = 0.75  # of the longest of a tail, feathers that are not its coverts
 # of the diameter of the rachis at its base: a follicle lies so deep in the skin
 _DEPTH = 0.6
 # of the gap between leaves, that a rachis is high in a vane
@@ -213,9 +215,13 @@ def _grow(groom: Groom, chosen: Sequence[Placement]) -> tuple[LaidCoat, PlaneFor
     skin, layout = groom.skin, groom.layout
     assert skin is not None
     assert layout is not None
-    points, faces = weld(skin)
+    points, faces = _sew_tails(groom, *weld(skin))
     places = np.stack([each.position for each in chosen])
-    triangle, place = closest(places, skin)
+    triangle, place = closest(places, points[faces])
+    foot = np.einsum("fk,fkc->fc", place, points[faces][triangle])
+    length = np.array([each.kind.length for each in chosen])
+    covered = np.linalg.norm(foot - places, axis=1) > _MAX_DISTANCE * length
+    places = np.where(covered[:, None], foot, places)
     kinds = [each.kind for each in chosen]
     follicles = Follicles(
         triangle=triangle,
@@ -225,11 +231,30 @@ def _grow(groom: Groom, chosen: Sequence[Placement]) -> tuple[LaidCoat, PlaneFor
         length=np.array([kind.length for kind in kinds]),
         width=np.array([kind.width for kind in kinds]),
         depth=_DEPTH * np.array([kind.rachis.diameter_base for kind in kinds]),
-        lift=_find_lifts(chosen, skin[triangle]),
+        lift=np.where(covered, 0.0, _find_lifts(chosen, points[faces][triangle])),
     )
     forms = plane_forms(chosen, build_plane_feathers(chosen, *_FOOTPRINT))
     coat = grow_coat(points, faces, follicles, CoatSpacing(layout.thickness, layout.gap))
     return LaidCoat(*stack(coat, forms)), forms
+
+
+def _sew_tails(groom: Groom, points: Array, faces: Indices) -> tuple[Array, Indices]:
+    """Sew the sheets of tails, whose feathers and coverts the coat lies on, to a skin."""
+    fans: dict[str, list[Placement]] = {}
+    for each in groom.feathers:
+        if each.turning is not None:
+            first, second = each.turning.joints
+            if second in (f"{first}_right", f"{first}_left"):
+                fans.setdefault(first, []).append(each)
+    for own in fans.values():
+        length = np.array([each.kind.length for each in own])
+        rest = stacked([each.rest for each in build_plane_feathers(own, *_FOOTPRINT)])
+        turns = np.stack([each.rotation for each in own])
+        roots = np.stack([each.position for each in own])[:, None, None]
+        nodes = np.einsum("kij,kncj->knci", turns, rest.nodes) + roots
+        shafts = nodes[length > _SHORTEST_OF_FAN * length.max(), :, 0]
+        points, faces = sew_fan(points, faces, shafts, nodes.reshape(-1, 3))
+    return points, faces
 
 
 def _find_lifts(chosen: Sequence[Placement], corners: Array) -> Array:

@@ -45,7 +45,7 @@ from featherfx.shot.sources import TimedSurface
 _LIFT_REACH = 0.5
 # of the time between two samples, by which the times are apart from which rates are found
 _STEP_RATIO = 0.02
-_NO_HEIGHT = 1e-9  # m, of the coat's points over the skin of the shot
+_NO_HEIGHT = 1e-9  # m, of the coat's points off the skin of the shot
 
 
 class CarriedPoints:
@@ -63,16 +63,21 @@ class CarriedPoints:
         self._corners = triangles[triangle]
         own = corners[triangle]
         away = points - np.einsum("vk,vkc->vc", self._weights, own)
-        height = dots(away, unit(face_products(own)))
-        self._height = np.where(np.abs(height) > _NO_HEIGHT, height, 0.0)
+        self._off = np.flatnonzero(np.linalg.norm(away, axis=1) > _NO_HEIGHT)
+        self._away = np.einsum("vij,vj->vi", _find_axes(own[self._off]), away[self._off])
 
     def at(self, time: float) -> Array:
         """The points at a time, s."""
         skin = np.concatenate([each.points(time) for each in self._surfaces])[self._corners]
         found = np.einsum("vk,vkc->vc", self._weights, skin)
-        if self._height.any():
-            found += self._height[:, None] * unit(face_products(skin))
+        found[self._off] += np.einsum("vij,vi->vj", _find_axes(skin[self._off]), self._away)
         return np.asarray(found)
+
+
+def _find_axes(corners: Array) -> Array:
+    """Return (N, 3, 3), rows a side of triangles (N, 3, 3), square to it in them, and normals."""
+    side, normal = unit(corners[:, 1] - corners[:, 0]), unit(face_products(corners))
+    return np.stack([side, np.cross(normal, side), normal], axis=1)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,182 @@
+"""Sheets of feathers that a coat lies on: the fan of a tail, sewn to the skin that it stands in.
+
+Skin behind the roots of the fan is cut out. A tube of rings, each around all feathers there, is
+sewn to the loop that is left and closed at the tips. Its extents are concave along the fan. So
+rump and vent lie on a tail and its coverts as on skin: above and below, never through them.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.vectors import unit
+
+# of the fan's length: how far ahead of its feathers the skin is cut, the first that gives a loop,
+# within this of its axis
+_AHEAD, _MAX_ASIDE = (0.1, 0.0), 0.5
+_CLEARANCE = 0.01  # of the fan's length, of the sheet from the feathers
+_STATION = 0.03  # of the fan's length, between rings
+# exponent of a ring's section, of an ellipse 2 as at the loop; of the fan's length, until it is so
+_ROUNDNESS, _FLATTENING = 4.0, 0.25
+
+
+class _FanAxes(NamedTuple):
+    """Root (3,) m of a fan, its unit way back, to its side and up, and its length, m."""
+
+    root: Array
+    back: Array
+    side: Array
+    up: Array
+    length: float
+
+
+def sew_fan(points: Array, faces: Indices, nodes: Array, others: Array) -> tuple[Array, Indices]:
+    """Sew the sheet of a fan to a skin; returns the skin as it is where it is not cut in one loop.
+
+    points: (V, 3) m, each place once. faces: (T, 3). nodes: (K, n, 3) m of the rachises of the fan,
+    right over left. others: (N, 3) m, of all that the sheet encloses: vanes, coverts.
+    """
+    axes = _find_axes(nodes)
+    ways = (others - axes.root) @ axes.back
+    for ahead in _AHEAD:
+        loop, cut = _cut_behind(points, faces, axes, ways.min() - ahead * axes.length)
+        if len(loop):
+            break
+    else:
+        return points, faces
+    order = np.argsort((nodes[:, -1] - axes.root) @ axes.side)
+    cloud = np.concatenate([others, points[np.unique(faces[cut])]])
+    turns = _find_turns(points[loop], axes)
+    rings = _make_rings(nodes[order], cloud, points[loop], axes, turns)
+    count, first = len(loop), len(points) + len(loop) * np.arange(len(rings))
+    bands = [loop, *(begin + np.arange(count) for begin in first)]
+    tip = len(points) + count * len(rings)
+    found = [faces[~cut]]
+    for near, far in zip(bands, [*bands[1:], np.full(count, tip)], strict=True):
+        after, beyond = np.roll(near, -1), np.roll(far, -1)
+        found.append(np.stack([near, after, beyond], axis=1))
+        if far[0] != tip:
+            found.append(np.stack([near, beyond, far], axis=1))
+    whole = np.concatenate([points, *rings, rings[-1].mean(axis=0)[None]])
+    used, number = np.unique(np.concatenate(found), return_inverse=True)
+    return whole[used], number.reshape(-1, 3)
+
+
+def _find_axes(nodes: Array) -> _FanAxes:
+    root, tip = nodes[:, 0].mean(axis=0), nodes[:, -1].mean(axis=0)
+    back = unit(tip - root)
+    wide = np.linalg.svd((nodes[:, -1] - tip) - ((nodes[:, -1] - tip) @ back)[:, None] * back)[2][0]
+    side = unit(wide - wide @ back * back)
+    up = np.cross(back, side)
+    return _FanAxes(root, back, side, up, float(np.linalg.norm(tip - root)))
+
+
+def _cut_behind(
+    points: Array, faces: Indices, axes: _FanAxes, first: float
+) -> tuple[Indices, Flags]:
+    """Return the loop (M,) around the skin behind a fan's roots, as its faces go round, and its
+    faces (T,); an empty one where it is not one loop."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    away = points - axes.root
+    way = away @ axes.back
+    aside = np.linalg.norm(away - way[:, None] * axes.back, axis=1)
+    behind = way > first
+    nothing: tuple[Indices, Flags] = np.zeros(0, dtype=np.int64), np.zeros(len(faces), dtype=bool)
+    if not behind.any():
+        return nothing
+    edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
+    inner = edges[behind[edges].all(axis=1)]
+    shape = len(points), len(points)
+    _, part = connected_components(coo_array((np.ones(len(inner)), tuple(inner.T)), shape=shape))
+    nearest = np.flatnonzero(behind)[np.linalg.norm(away[behind], axis=1).argmin()]
+    cut = (part == part[nearest])[faces].any(axis=1)
+    if aside[faces[cut]].max() > _MAX_ASIDE * axes.length:
+        return nothing
+    own, others = (
+        np.concatenate([faces[some][:, [k, (k + 1) % 3]] for k in range(3)]) for some in (cut, ~cut)
+    )
+    key = len(points)
+    seam = own[np.isin(own[:, 0] * key + own[:, 1], others[:, 1] * key + others[:, 0])]
+    after = dict(seam.tolist())
+    loop = [int(seam[0, 0])] if len(seam) else []
+    while loop and len(loop) <= len(seam) and after.get(loop[-1], loop[0]) != loop[0]:
+        loop.append(after[loop[-1]])
+    # of a border within the cut, or several loops, there is no tube
+    if len(loop) < 3 or len(loop) != len(seam) or len(after) != len(seam):
+        return nothing
+    return np.array(loop), cut
+
+
+def _find_turns(loop: Array, axes: _FanAxes) -> Array:
+    """Return (M,) in turns, where points of a loop stand around its axis: 0 above, 0.25 at the
+    side. Steps are those of its length."""
+    away = loop - loop.mean(axis=0)
+    y, z = away @ axes.side, away @ axes.up
+    steps = np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1)
+    way = np.append(0.0, np.cumsum(steps))[:-1] / steps.sum()
+    turns = np.sign(np.sum(z * np.roll(y, -1) - y * np.roll(z, -1))) * way
+    return np.asarray(turns - turns[np.argmax(z - np.abs(y))])
+
+
+def _make_rings(
+    nodes: Array, cloud: Array, loop: Array, axes: _FanAxes, turns: Array
+) -> list[Array]:
+    """Return rings (M, 3) m around a fan, from a loop (M, 3) to the tips.
+
+    nodes: (K, n, 3) from side to side. cloud: (N, 3) m, what they enclose.
+    """
+    ways = (nodes - axes.root) @ axes.back
+    way, aside, high = (((cloud - axes.root) @ each) for each in (axes.back, axes.side, axes.up))
+    start = ((loop - axes.root) @ axes.back).max()
+    stations = np.arange(start, way.max() + _STATION * axes.length, _STATION * axes.length)
+    lines, extents, known = [], [], []
+    for station in stations:
+        at = np.clip(station, ways[:, 0], ways[:, -1])
+        rows = zip(at, ways, nodes - axes.root, strict=True)
+        line = np.array([[np.interp(w, own, x) for x in each.T] for w, own, each in rows])
+        lines.append((np.maximum.accumulate(line @ axes.side), line @ axes.up))
+        near = np.abs(way - station) <= _STATION * axes.length
+        if not near.any():  # between rows
+            continue
+        known.append(station)
+        over = high[near] - np.interp(aside[near], *lines[-1])
+        extents.append([aside[near].max(), -aside[near].min(), over.max(), -over.min()])
+    clear = _CLEARANCE * axes.length
+    right, left, above, below = (
+        np.interp(stations, *_find_majorant(np.array(known), x)) + clear
+        for x in np.array(extents).T
+    )
+    y, z = np.sin(2.0 * np.pi * turns), np.cos(2.0 * np.pi * turns)
+    # an ellipse as the body is, then as flat as the fan
+    flat = stations[0] + _FLATTENING * axes.length
+    exponents = np.interp(stations, [stations[0], flat], [2.0, _ROUNDNESS])
+    rings = []
+    for k in range(1, len(stations)):
+        size = (np.abs(y) ** exponents[k] + np.abs(z) ** exponents[k]) ** (1.0 / exponents[k])
+        across = 0.5 * (right[k] - left[k]) + 0.5 * (right[k] + left[k]) * y / size
+        height = np.interp(across, *lines[k])
+        height += 0.5 * (above[k] - below[k]) + 0.5 * (above[k] + below[k]) * z / size
+        rings.append(
+            axes.root
+            + stations[k] * axes.back
+            + across[:, None] * axes.side
+            + height[:, None] * axes.up
+        )
+    return rings
+
+
+def _find_majorant(x: Array, y: Array) -> tuple[Array, Array]:
+    """Return the corners of the least concave function over (x, y): a tail has no waist."""
+    corners: list[int] = []
+    for k in range(len(x)):
+        while len(corners) > 1 and (y[corners[-1]] - y[corners[-2]]) * (x[k] - x[corners[-2]]) <= (
+            y[k] - y[corners[-2]]
+        ) * (x[corners[-1]] - x[corners[-2]]):
+            corners.pop()
+        corners.append(k)
+    return x[corners], y[corners]

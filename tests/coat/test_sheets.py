@@ -1,0 +1,84 @@
+"""Sheets of fans, sewn to skins: closed, around all feathers, and carried by the skin."""
+
+import numpy as np
+import pytest
+
+from featherfx.algebra.rotation import from_rotation_vector
+from featherfx.coat.sheets import sew_fan
+
+LENGTH = 0.15
+
+
+def ball(rings=40, around=48, radii=(0.06, 0.025, 0.03)):
+    """Return points and triangles of an ellipsoid whose poles are along x."""
+    polar = np.linspace(0.0, np.pi, rings + 1)[1:-1]
+    turn = np.linspace(0.0, 2.0 * np.pi, around, endpoint=False)
+    body = np.stack(
+        np.broadcast_arrays(
+            np.cos(polar)[:, None],
+            *(np.sin(polar)[:, None] * each for each in (np.cos(turn), np.sin(turn))),
+        ),
+        axis=-1,
+    ).reshape(-1, 3)
+    points = np.concatenate([body, [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]]) * radii
+    number = np.arange(len(body)).reshape(rings - 1, around)
+    after = np.roll(number, -1, axis=1)
+    quads = number[:-1], number[1:], after[1:], after[:-1]
+    a, b, c, d = (each.ravel() for each in quads)
+    front = np.stack([np.full(around, len(body)), number[0], after[0]], axis=1)
+    rear = np.stack([np.full(around, len(body) + 1), after[-1], number[-1]], axis=1)
+    return points, np.concatenate([front, np.stack([a, b, c], 1), np.stack([a, c, d], 1), rear])
+
+
+def fan(count=6, spread=20.0, droop=0.0):
+    """Return rachises (K, n, 3) of a fan that points to -x, and points of their vanes."""
+    angles = np.radians(np.linspace(-spread, spread, count))
+    way = LENGTH * np.linspace(0.0, 1.0, 15)
+    nodes = np.stack(
+        [
+            -0.05 - np.outer(np.cos(angles), way),
+            np.outer(np.sin(angles), way),
+            np.zeros((count, 15)),
+        ],
+        axis=-1,
+    )
+    nodes[..., 2] -= droop * way**2 + 0.0005 * np.abs(np.arange(count) - count / 2)[:, None]
+    aside = np.array([0.0, 0.01, 0.0])
+    return nodes, np.concatenate([nodes + aside, nodes, nodes - aside]).reshape(-1, 3)
+
+
+def volume(points, faces):
+    return np.linalg.det(points[faces]).sum() / 6.0
+
+
+@pytest.mark.parametrize("turn", [(0.0, 0.0, 0.0), (0.3, -1.0, 2.0)])
+@pytest.mark.parametrize(("spread", "droop"), [(4.0, 0.0), (20.0, 1.0), (50.0, -0.5)])
+def test_a_sheet_closes_the_skin_around_its_feathers(turn, spread, droop):
+    points, faces = ball()
+    nodes, vanes = fan(spread=spread, droop=droop)
+    turned = from_rotation_vector(np.array(turn))
+    sewn, found = sew_fan(points @ turned.T, faces, nodes @ turned.T, vanes @ turned.T)
+    edges = np.concatenate([found[:, [k, (k + 1) % 3]] for k in range(3)])
+    assert len(np.unique(edges, axis=0)) == len(edges)
+    back = {tuple(each) for each in edges[:, ::-1].tolist()}
+    assert back == {tuple(each) for each in edges.tolist()}
+    assert len(np.unique(found)) == len(sewn)
+    assert volume(sewn, found) > volume(points, faces) > 0.0
+    # around each vane the sheet turns once: the winding number
+    corners = sewn[found][None] - (vanes @ turned.T)[::7, None, None]
+    size = np.linalg.norm(corners, axis=3)
+    a, b, c = np.moveaxis(corners, 2, 0)
+    below = size.prod(axis=2)
+    for first, second, third in ((a, b, 2), (b, c, 0), (c, a, 1)):
+        below = below + (first * second).sum(axis=2) * size[:, :, third]
+    winding = np.arctan2(np.linalg.det(corners), below).sum(axis=1) / (2.0 * np.pi)
+    assert (winding > 0.99).all()
+
+
+def test_a_skin_that_no_loop_cuts_stays_as_it_is():
+    points, faces = ball()
+    nodes, vanes = fan()
+    far = np.array([-1.0, 0.0, 0.0])
+    same, still = sew_fan(points, faces, nodes + far, vanes + far)
+    assert same is points
+    assert still is faces
