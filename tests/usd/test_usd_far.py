@@ -106,3 +106,27 @@ def test_near_caches_have_no_transform(tmp_path, shot):
     (tmp_path / "groom.toml").write_text(GROOM.format(50.0, 0.0, 0.0))
     featherfx.bake(shot, tmp_path / "near.usda")
     assert "xformOp" not in (tmp_path / "near.usda").read_text()
+
+
+@pytest.mark.parametrize(("length", "away"), [(0.01, 10_000), (0.05, -20_000), (0.3, 5_000)])
+def test_a_groom_at_home_is_at_rest_there_whatever_its_skin_does(tmp_path, length, away):
+    near, far = (
+        [(x + d, y, 0) for x, y in ((-3, -3), (3, -3), (3, 3), (-3, 3))] for d in (0, away)
+    )
+    (tmp_path / "skin.usda").write_text(
+        '#usda 1.0\n( upAxis = "Z"\n metersPerUnit = 1 )\ndef Mesh "m" {\n'
+        "int[] faceVertexCounts = [4]\nint[] faceVertexIndices = [0, 1, 2, 3]\n"
+        f"point3f[] points = {near}\npoint3f[] points.timeSamples = {{ 1: {far} }}\n}}\n"
+    )
+    feather = f'[[feather]]\nid = "a"\nkind = "covert"\noverrides = {{ length = {length} }}\n'
+    (tmp_path / "groom.toml").write_text(
+        f'name = "g"\n{feather}position = [0, 0, 0.01]\ndirection = [-1, 0, 2]\nup = [2, 0, 1]\n'
+    )
+    skin = 'frames = [1, 2]\nskin = { usd = "skin.usda", prim = "/m", tolerance = 1000 }\n'
+    (tmp_path / "shot.toml").write_text(f'{COARSE}name = "s"\ngroom = "groom.toml"\n{skin}')
+    report = featherfx.bake(tmp_path / "shot.toml", tmp_path / "o.usdc")
+    assert report.report["bounds_passed"] == []
+    stage = Usd.Stage.Open(str(tmp_path / "o.usdc"))
+    (mesh,) = (prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh))
+    rest = np.array(mesh.GetAttribute("primvars:rest").Get(), dtype=float)
+    assert np.linalg.norm(np.ptp(rest, axis=0)) == pytest.approx(length, rel=0.15)

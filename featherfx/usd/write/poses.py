@@ -196,14 +196,21 @@ class PosedFeather:
         )
 
     def rest(self, out: Written) -> bool:
-        """Write the rest pose, whose rates are zero; return whether it is finite."""
-        barbs = self._entry.barbs
-        nodes = self._from_origin(self._entry.rest_points)
+        """Write the rest pose, whose rates are zero; return whether it is finite.
+
+        A groom that is nearer to the world's origin than to the root prim rests about the former,
+        since single precision would lose its barbs from there.
+        """
+        barbs, shift, nodes = self._entry.barbs, self.to_origin, self._entry.rest_points
+        first = nodes.nodes.reshape(-1, 3)[0]
+        if shift is not None and np.linalg.norm(first) < np.linalg.norm(first + shift):
+            shift = None
+        nodes = nodes if shift is None else nodes.shifted(shift)
         self._note_hooks(out, self._split)
         self._surface.carry(nodes)
         finite = self._place(out, _contiguous(nodes))
         if self.has_barbs and barbs:
-            points = barbs.points if self.to_origin is None else barbs.points + self.to_origin
+            points = barbs.points if shift is None else barbs.points + shift
             finite &= self._write(np.reshape(points, (-1, 3)), out[BARB_PRIM, "points"])
         for (_, name), numbers in out.items():
             if name in RATES:
