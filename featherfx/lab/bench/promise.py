@@ -17,7 +17,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -47,12 +46,11 @@ _FINER, _CHECK, _TIGHTER = 2, 3, 10.0
 class FineRun(NamedTuple):
     """Feathers by number as they were simulated, and their points at every frame.
 
-    seconds: of processor, all but the first frame. options: of every feather.
+    options: of every feather.
     """
 
     feathers: dict[int, Feather]
     points: dict[int, list[RowPoints]]
-    seconds: float
     report: dict[str, Any]
     options: Sequence[FeatherOptions]
 
@@ -73,16 +71,14 @@ class PromiseCase:
 
 def run(shot: Shot) -> FineRun:
     """Simulate a shot on one thread."""
-    simulation, begin = simulate(shot), 0.0
+    simulation = simulate(shot)
     feathers: dict[int, Feather] = {}
     points: dict[int, list[RowPoints]] = {}
     for _ in simulation:
-        begin = begin or process_time()
         for f, (feather, now) in sorted(simulation.simulated().items()):
             feathers[f] = feather
             points.setdefault(f, []).append(RowPoints(now.nodes.copy(), now.directors.copy()))
-    seconds = process_time() - begin
-    return FineRun(feathers, points, seconds, simulation.report, simulation.options)
+    return FineRun(feathers, points, simulation.report, simulation.options)
 
 
 def errors(one: FineRun, reference: FineRun) -> list[float]:
@@ -158,7 +154,7 @@ def _beside(shot: Shot, found: FineRun, finer: int, one: FineRun, against: int =
     for f in range(len(shot.groom.feathers)):
         each = np.array([f])
         wanted = run(_finer(shot, found, finer, each))
-        own = FineRun({0: one.feathers[f]}, {0: one.points[f]}, 0.0, {}, ())
+        own = FineRun({0: one.feathers[f]}, {0: one.points[f]}, {}, ())
         if against != 1:
             own = run(_finer(shot, found, against, each))
         worst += errors(own, wanted)
