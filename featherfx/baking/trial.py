@@ -18,7 +18,6 @@ import mmap
 import tempfile
 import time
 import warnings
-from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -26,10 +25,16 @@ from pathlib import Path
 
 import numpy as np
 
-from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.types import Array
 from featherfx.baking.bake import peak_memory_bytes
 from featherfx.baking.options import TRIAL_SECONDS, BakeOptions
 from featherfx.baking.task import BakeTask
+from featherfx.baking.trial_feathers import (
+    largest_group,
+    pick_course,
+    pick_feathers,
+    pushing_feathers,
+)
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.feather.types import Feather
 from featherfx.files.memory import give_back_memory
@@ -42,22 +47,18 @@ from featherfx.shot.options.options import (
     ShotOptions,
     resolve_options,
 )
-from featherfx.shot.partition.partition import shot_islands
-from featherfx.shot.patterns import may_touch
 from featherfx.shot.subset import part_of
-from featherfx.shot.types import Detail, Shot
+from featherfx.shot.types import Shot
 from featherfx.usd.write.output import choose_group, unique_prim_names
 
 # feathers of the first trials and of the next, and frames of each
 _FEW, _MORE, _FRAMES = 12, 96, 6
-# feathers that go through all frames, and their share of the time for trials
-_COURSE, _OF_COURSE = 32, 0.25
-# neighbours that are tried together
-_TOGETHER = 16
+# of the time for trials, the part of feathers that go through all frames
+_OF_COURSE = 0.25
 # of a budget, how far beyond it the first trial may go
 _FIRST_TRIAL_RATIO = 0.25
 # over the time that resolving takes, what must be left where the whole is built
-_BUILDING_RATIO = 6.0
+_BUILDING_RATIO = 20.0
 # of the time left, what may go into measuring grids, and into building the whole; cost of other
 # grids over those that the measuring begins with
 _MEASURING_RATIO, _OTHER_GRIDS = 0.3, (0.5, 4.0)
@@ -204,9 +205,9 @@ def _range(
     if total > last.feathers:
         by_feathers, by_work = total / last.feathers, work / last.work
         ratios.append(by_feathers / by_work)
-        if _pushing(shot).any():
+        if pushing_feathers(shot).any():
             # a contact group that is tried in part
-            ratios.append(max(_largest_group(shot) / last.feathers, 1.0) ** 0.5)
+            ratios.append(max(largest_group(shot) / last.feathers, 1.0) ** 0.5)
     spread = _REPEATABILITY
     if course is not None:
         ratios.append(1.0 / course.harder(last))
@@ -218,12 +219,6 @@ def _range(
             1.0 + (1.0 - seen) * (each / costs.mean() - 1.0) for each in np.sort(costs)[[0, -1]]
         ]
     return min(ratios) / (1.0 + spread), max(ratios) * (1.0 + spread)
-
-
-def _largest_group(shot: Shot) -> int:
-    """Return the number of feathers of the largest contact group."""
-    groups = shot_islands(shot)
-    return int(np.bincount(groups[groups >= 0], minlength=1).max())
 
 
 def _whole(
@@ -243,7 +238,7 @@ def _whole(
     frame = last.frame * solved
     if course is not None:
         frame = frame * course.harder(last)
-        if others > 1.0 and _pushing(shot).any():
+        if others > 1.0 and pushing_feathers(shot).any():
             frame = frame * max(course.denser(last, work), 1.0)
     once["simulating"] = once["simulating"] + frame * (shot.last_frame - shot.first_frame)
     return once
@@ -321,7 +316,7 @@ def _trial(shot: Shot, count: int, frames: int, jobs: int, until: float) -> Tria
     """Bake some feathers; None where the time ends before the second frame."""
     from featherfx.baking.frame_loop import simulate_and_write
 
-    part = part_of(shot, _some(shot, count))
+    part = part_of(shot, pick_feathers(shot, count))
     marks: list[Array] = []
     before = held = resident_bytes(release=True)
 
@@ -439,7 +434,7 @@ def _course(shot: Shot, jobs: int, end: float, until: float) -> TrialCourse | No
 
     end, until: s of CPU time of this process, after which no frame begins, and when it ends.
     """
-    part = _pinned(shot)
+    part = pick_course(shot)
     marks, iterations = [], []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
@@ -455,88 +450,8 @@ def _course(shot: Shot, jobs: int, end: float, until: float) -> TrialCourse | No
     return TrialCourse(np.array(iterations[1:]), np.diff(marks), _work_of(part))
 
 
-def _pinned(shot: Shot) -> Shot:
-    """A few feathers that are simulated, at their levels: evenly among all, or of those that push
-    others the longest, whose steps all go along with."""
-    options, feathers = _options(shot), shot.groom.feathers
-    push = np.flatnonzero(_pushing(shot))
-    if len(push):
-        lengths = np.array([feathers[f].kind.length for f in push])
-        chosen = np.sort(push[np.argsort(-lengths, kind="stable")[:_COURSE]])
-    else:
-        numbers = options.leading if len(options.leading) else np.arange(len(feathers))
-        places = np.linspace(0, len(numbers) - 1, min(_COURSE, len(numbers)))
-        chosen = numbers[places.astype(np.int64)]
-    part = part_of(shot, chosen)
-    pinned = tuple(
-        Detail(feathers=each.id, level=options.feathers[f].level)
-        for f, each in zip(chosen, part.groom.feathers, strict=True)
-    )
-    return replace(part, details=part.details + pinned, level_of_detail=None)
-
-
-def _pushing(shot: Shot) -> Flags:
-    """(F,) whether each feather pushes others."""
-    if shot.contact is None:
-        return np.zeros(len(shot.groom.feathers), dtype=np.bool_)
-    return np.array(may_touch(shot, shot.contact))
-
-
-def _some(shot: Shot, count: int) -> Indices:
-    """Numbers of about so many feathers: the same share of those of each region that push others,
-    and of those that do not, and one of each at least."""
-    feathers, push = shot.groom.feathers, _pushing(shot)
-    if count == len(feathers):
-        return np.arange(count)
-    alike = defaultdict(list)
-    for f, each in enumerate(feathers):
-        alike[each.region, bool(push[f])].append(f)
-    share = count / len(feathers)
-    groups = _whole_groups(shot, np.flatnonzero(push), round(share * push.sum()))
-    chosen = [groups] + [
-        _neighbours(shot, np.array(own), max(round(share * len(own)), 1))
-        for (_, pushes), own in alike.items()
-        if not (pushes and len(groups))
-    ]
-    return np.sort(np.concatenate(chosen))
-
-
-def _whole_groups(shot: Shot, push: Indices, count: int) -> Indices:
-    """Return at least so many of the feathers that push others, in whole contact groups evenly
-    among those that are small enough; none where all are larger."""
-    if not len(push):
-        return push
-    group = shot_islands(shot)[push]
-    sizes = np.bincount(group)
-    small = np.flatnonzero((sizes > 0) & (sizes <= max(count, 1)))
-    if sizes[small].sum() < count:
-        return push[:0]
-    order = small[np.argsort(np.arange(len(small)) * 0.6180339887 % 1.0)]
-    last = int(np.searchsorted(np.cumsum(sizes[order]), count))
-    return push[np.isin(group, order[: last + 1])]
-
-
-def _neighbours(shot: Shot, numbers: Indices, count: int) -> Indices:
-    """So many of some feathers, in groups of neighbours evenly among them."""
-    roots = np.array([shot.groom.feathers[f].position for f in numbers])
-    groups = max(count // _TOGETHER, 1)
-    found = []
-    for places, some in zip(
-        np.array_split(np.arange(len(numbers)), groups),
-        np.array_split(np.arange(count), groups),
-        strict=True,
-    ):
-        way = np.linalg.norm(roots[places] - roots[places[len(places) // 2]], axis=1)
-        found.append(numbers[places[np.argsort(way, kind="stable")[: len(some)]]])
-    return np.sort(np.concatenate(found))
-
-
-def _options(shot: Shot) -> ShotOptions:
-    return resolve_options(shot, drawn_feathers(shot), root_motion(shot))
-
-
 def _work_of(shot: Shot) -> float:
-    return sum_unknowns(_options(shot).feathers)
+    return sum_unknowns(resolve_options(shot, drawn_feathers(shot), root_motion(shot)).feathers)
 
 
 def sum_unknowns(options: Sequence[FeatherOptions]) -> float:

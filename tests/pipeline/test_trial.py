@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from featherfx.api import read_shot
-from featherfx.baking import trial as baking_trial
+from featherfx.baking import trial_feathers
 from featherfx.baking.stats import stats
 from featherfx.baking.trial import (
     _FEW,
@@ -18,10 +18,9 @@ from featherfx.baking.trial import (
     TrialCourse,
     _larger,
     _memory,
-    _some,
     _whole,
-    _whole_groups,
 )
+from featherfx.baking.trial_feathers import _whole_groups, pick_feathers
 from featherfx.errors import InputError
 
 SAMPLES = Path(__file__).parents[2] / "samples"
@@ -106,7 +105,7 @@ def test_memory_goes_with_the_feathers():
 def test_each_region_has_its_share_of_a_trial_and_neighbours_stay_together():
     shot = read_shot(SAMPLES / "pigeon" / "full.toml")
     feathers = shot.groom.feathers
-    chosen = _some(shot, 100)
+    chosen = pick_feathers(shot, 100)
     regions = [each.region for each in feathers]
     for region in set(regions):
         own = [f for f, name in enumerate(regions) if name == region]
@@ -119,13 +118,13 @@ def test_each_region_has_its_share_of_a_trial_and_neighbours_stay_together():
 
     everyone = np.arange(len(feathers))
     assert nearest(chosen) < 2.0 * nearest(everyone)
-    assert _some(shot, len(feathers)).tolist() == everyone.tolist()
+    assert pick_feathers(shot, len(feathers)).tolist() == everyone.tolist()
 
 
 def test_contact_groups_are_tried_whole(monkeypatch):
     sizes = [3, 4, 2, 3, 4, 2, 3, 30]
     group = np.repeat(np.arange(len(sizes)), sizes)
-    monkeypatch.setattr(baking_trial, "shot_islands", lambda shot: group)
+    monkeypatch.setattr(trial_feathers, "shot_islands", lambda shot: group)
     for count in (4, 5, 12, 20):
         chosen = _whole_groups(None, np.arange(len(group)), count)
         assert count <= len(chosen) < count + max(sizes[:-1])
