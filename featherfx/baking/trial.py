@@ -30,6 +30,7 @@ from featherfx.baking.bake import peak_memory_bytes
 from featherfx.baking.options import TRIAL_SECONDS, BakeOptions
 from featherfx.baking.task import BakeTask
 from featherfx.baking.trial_feathers import (
+    MAX_COURSE,
     largest_group,
     pick_course,
     pick_feathers,
@@ -53,8 +54,9 @@ from featherfx.usd.write.output import choose_group, unique_prim_names
 
 # feathers of the first trials and of the next, and frames of each
 _FEW, _MORE, _FRAMES = 12, 96, 6
-# of the time for trials, the part of feathers that go through all frames
-_OF_COURSE = 0.25
+# of the time for trials, the part of feathers that go through all frames; over the cost of as many
+# in a trial, what must be left for them
+_OF_COURSE, _COURSE_RATIO = 0.25, 2.0
 # of a budget, how far beyond it the first trial may go
 _FIRST_TRIAL_RATIO = 0.25
 # over the time that resolving takes, what must be left where the whole is built
@@ -270,7 +272,8 @@ def _tried(
         trials = [first, again or first]
         done(2)
         course = None
-        if frames > _FRAMES:
+        cost = trials[1].cost * MAX_COURSE / few[0]
+        if frames > _FRAMES and has_time_for(_COURSE_RATIO * cost, until):
             end = min(time.process_time() + _OF_COURSE * most, until)
             course = _course(shot, jobs, end, until)
         done(3)

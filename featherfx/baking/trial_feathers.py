@@ -17,7 +17,7 @@ from featherfx.shot.subset import part_of
 from featherfx.shot.types import Detail, Shot
 
 # feathers that go through all frames; neighbours that are tried together
-_MAX_COURSE, _TOGETHER = 32, 16
+MAX_COURSE, _TOGETHER = 32, 16
 
 
 def pick_course(shot: Shot) -> Shot:
@@ -28,10 +28,10 @@ def pick_course(shot: Shot) -> Shot:
     push = np.flatnonzero(pushing_feathers(shot))
     if len(push):
         lengths = np.array([feathers[f].kind.length for f in push])
-        chosen = np.sort(push[np.argsort(-lengths, kind="stable")[:_MAX_COURSE]])
+        chosen = np.sort(push[np.argsort(-lengths, kind="stable")[:MAX_COURSE]])
     else:
         numbers = options.leading if len(options.leading) else np.arange(len(feathers))
-        places = np.linspace(0, len(numbers) - 1, min(_MAX_COURSE, len(numbers)))
+        places = np.linspace(0, len(numbers) - 1, min(MAX_COURSE, len(numbers)))
         chosen = numbers[places.astype(np.int64)]
     part = part_of(shot, chosen)
     pinned = tuple(
