@@ -34,6 +34,11 @@ def as_sentence(text: str) -> str:
     return text if text.endswith((".", "?", "!", ":")) else f"{text}."
 
 
+def count_feathers(count: int) -> str:
+    """Say how many feathers, one or several."""
+    return f"{count} feather{'' if count == 1 else 's'}"
+
+
 def as_figure(value: float, digits: int = 2) -> str:
     """Write a number with so many figures, or all of those before its point."""
     return f"{value:.0f}" if abs(value) >= 10.0 ** (digits - 1) else f"{value:.{digits}g}"

@@ -31,6 +31,7 @@ from featherfx.coat.leaf_kernels import (
     find_bases,
 )
 from featherfx.coat.ties import find_gaps, find_overlaps, fit_ties
+from featherfx.errors import count_feathers
 
 # agreement of headings below which the flow counts as singular
 _MIN_STRENGTH = 0.3
@@ -196,14 +197,14 @@ def describe_doubts(coat: Coat) -> list[str]:
     weak = own.strength[coat.follicles.triangle] < _MIN_STRENGTH
     if weak.any():
         found.append(
-            f"the flow is singular beneath {weak.sum()} feathers, as at {_told(where[weak])}. "
-            "They lie over each other in no steady order there. Give the regions around a [flow] "
-            "that does not meet itself"
+            f"the flow is singular beneath {count_feathers(weak.sum())}, as at "
+            f"{_told(where[weak])}. Feathers lie over each other in no steady "
+            "order there. Give the regions around a [flow] that does not meet itself"
         )
     ridge = ~weak & (own.growth < MIN_PACE)
     if ridge.any():
         found.append(
-            f"{ridge.sum()} feathers point against the flow of those around, as at "
+            f"the flow around runs against {count_feathers(ridge.sum())}, as at "
             f"{_told(where[ridge])}. Give regions that touch one flow"
         )
     return found

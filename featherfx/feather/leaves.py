@@ -22,7 +22,7 @@ from featherfx.coat.coat import Coat, StackReport, describe_doubts, draw, grow_c
 from featherfx.coat.fields import CoatSpacing, Follicles
 from featherfx.coat.forms import PlaneForms, make_plane_forms
 from featherfx.coat.sheets import sew_fan
-from featherfx.errors import InputWarning
+from featherfx.errors import InputWarning, count_feathers
 from featherfx.feather.shapes import build_plane_feathers
 from featherfx.feather.types import Feather, FeatherSurface, RowPoints, stacked
 from featherfx.files.content import digest
@@ -275,8 +275,8 @@ def _describe_turns(laid: LaidCoat, chosen: Sequence[Placement]) -> list[str]:
         return []
     worst = far[turns[far].argmax()]
     return [
-        f"{len(far)} feathers turn by more than {_MAX_TURN:g} degrees to those around, where flows"
-        f" meet, as '{chosen[worst].id}' by {turns[worst]:.0f}. Give the regions around a flow that"
+        f"flows that meet turn {count_feathers(len(far))} by more than {_MAX_TURN:g} degrees, as"
+        f" '{chosen[worst].id}' by {turns[worst]:.0f}. Give the regions around a flow that"
         " does not meet itself"
     ]
 
@@ -293,7 +293,7 @@ def _describe_crowds(laid: LaidCoat, chosen: Sequence[Placement]) -> list[str]:
     if not len(crowded):
         return []
     return [
-        f"{len(crowded)} feathers find no room between those around them and may pass through "
-        f"them, as '{chosen[crowded[0]].id}'. Lower the density or the length of their regions, or "
-        "raise layout.thickness"
+        f"there is no room for {count_feathers(len(crowded))} between those around, which they may "
+        f"pass through, as '{chosen[crowded[0]].id}'. Lower the density or the length of their "
+        "regions, or raise layout.thickness"
     ]
