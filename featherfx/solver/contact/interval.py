@@ -257,7 +257,9 @@ class ContactSolver:
         if yielding is not None:
             soft[yielding] = 1
         before, forces = ContactSearch(new_touch(1), 0), np.zeros(self.grids.bodies)
-        expected = _WIDER * memory.surprise * duration**2
+        # what settles is stopped after each step, and headed nowhere
+        surprise = np.full_like(self._margin, np.inf) if settling else memory.surprise
+        expected = _WIDER * surprise * duration**2
         margin = np.clip(expected, _MIN_MARGIN_RATIO * self._margin, self._margin)
         off, moved = np.zeros(self.grids.bodies), np.zeros(self.grids.bodies)
         searched = self._searched_room(run.now)
@@ -273,7 +275,7 @@ class ContactSolver:
             rounds += int(solved.islands.rounds.max(initial=0))
             meeting_kernels.largest_moves(run.now, searched, free, moved)
             if number == 0:
-                self._surprise = moved / duration**2
+                self._surprise = surprise if settling else moved / duration**2
             worst = solved.marks.worst
             off = np.where(worst > lost, worst, off)
             stale, before = (moved >= margin) & ~run.failed() & (off == 0.0), self.found
