@@ -55,6 +55,20 @@ def test_damaged_points_are_one_message(tmp_path, points, command):
     assert not [each for each in tmp_path.iterdir() if each.name != "c.usda"]
 
 
+@pytest.mark.parametrize("name", ["velocities", "normals", "primvars:own"])
+def test_a_sample_of_another_size_is_not_retimed(tmp_path, name):
+    path = write_cache(tmp_path / "c.usda")
+    stage = Usd.Stage.Open(str(path))
+    kind = Sdf.ValueTypeNames.Vector3fArray
+    attribute = stage.GetPrimAtPath("/c/f").CreateAttribute(name, kind)
+    for code in (1, 2, 3):
+        attribute.Set(Vt.Vec3fArray.FromNumpy(POINTS[: 0 if code == 2 else 4].copy()), code)
+    stage.GetRootLayer().Save()
+    with pytest.raises(InputError, match=f"/c/f.{name}: has 0 values at time code 2, not 4"):
+        COMMANDS["retime"](path)
+    assert not (tmp_path / "o.usda").exists()
+
+
 @pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMANDS)
 def test_a_feather_without_faces_is_one_message(tmp_path, command):
     with pytest.raises(InputError, match=r"/c/f.faceVertexCounts: is empty"):

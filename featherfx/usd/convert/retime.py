@@ -198,6 +198,7 @@ class _Track:
         self.codes = layer.ListTimeSamplesForPath(path)
         first = self.raw(self.codes[0])
         self.kind, self.number = type(first), np.asarray(first).dtype
+        self.shape = np.shape(first)
         self._near: dict[float, Any] = {}
 
     def raw(self, code: float) -> Any:
@@ -220,8 +221,16 @@ class _Track:
         if code not in self._near:
             if len(self._near) > 4:
                 self._near.clear()
-            self._near[code] = np.asarray(self.raw(code), dtype=np.float64)
+            found = np.asarray(self.raw(code), dtype=np.float64)
+            self.refuse_shape(code, found.shape)
+            self._near[code] = found
         return self._near[code]
+
+    def refuse_shape(self, code: float, found: tuple[int, ...]) -> None:
+        """Raise InputError where a sample is not of this track's shape."""
+        if found != self.shape:
+            told = f"has {_count(found)} values at time code {code:g}, not {_count(self.shape)}"
+            raise InputError(Problem(str(self.path), "", f"{told}. Bake it again"))
 
     def around(self, code: float) -> tuple[int, int, float]:
         """Return the samples before and after a code, and the fraction of the way between."""
@@ -283,6 +292,10 @@ class _RetimedPrim:
         self.path, self._spec = path, spec
         sampled = (p for p in spec.properties if layer.ListTimeSamplesForPath(p.path))
         self.tracks = {p.name: _Track(layer, p.path) for p in sampled}
+        for name in ("velocities", ACCELERATIONS) if "points" in self.tracks else ():
+            if name in self.tracks:
+                rates = self.tracks[name]
+                self.tracks["points"].refuse_shape(rates.codes[0], rates.shape)
         widths = spec.properties.get("widths")
         self._padding = max(widths.default or (0.0,)) if widths is not None else 0.0
 
@@ -396,6 +409,10 @@ def _check_roots(
                     f" than {100.0 * _ROOT_TOLERANCE:g} %. Give the period of the motion"
                 )
                 raise InputError(Problem(source, "loop", message))
+
+
+def _count(shape: tuple[int, ...]) -> int:
+    return shape[0] if shape else 1
 
 
 def _argument_error(key: str, message: str) -> InputError:
