@@ -253,11 +253,21 @@ def _local(distributed: Any, workers: int, folder: str) -> Iterator[Callable[[],
             preload=_LOADED,
             env={"MALLOC_TRIM_THRESHOLD_": str(1 << 30)},
         )
-        cluster = cache(lambda: stack.enter_context(starting.result()))
+
+        @cache
+        def open_cluster() -> Any:
+            try:
+                return stack.enter_context(starting.result())
+            except (RuntimeError, OSError) as error:
+                message = f"no process of this machine starts ({error}). Use --engine local"
+                raise InputError(Problem("engine dask", "", message)) from error
+
         try:
-            yield lambda: stack.enter_context(distributed.Client(cluster()))
+            yield lambda: stack.enter_context(distributed.Client(open_cluster()))
         finally:
-            cluster()  # closed with what is open, even where nobody has waited for it
+            # closed with what is open, even where nobody has waited for it
+            with contextlib.suppress(InputError):
+                open_cluster()
 
 
 def _connected(distributed: Any, address: str) -> Client:

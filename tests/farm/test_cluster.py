@@ -79,6 +79,17 @@ def test_a_scheduler_that_is_not_there_is_named(tmp_path, monkeypatch):
         assert not any(type(each) is distributed.Client for each in gc.get_objects())
 
 
+@pytest.mark.parametrize("error", [RuntimeError("Nanny failed to start."), OSError(28, "full")])
+def test_processes_that_do_not_start_are_one_message(tmp_path, monkeypatch, error):
+    def fail(**_):
+        raise error
+
+    monkeypatch.setattr(distributed, "LocalCluster", fail)
+    shot = shot_file(tmp_path, "a", "feather_pull")
+    with pytest.raises(InputError, match="engine dask: no process of this machine starts"):
+        featherfx.bake_many([shot], tmp_path, workers=1)
+
+
 @pytest.fixture(scope="module")
 def wing(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, bytes]:
     """A shot and the bytes of its single bake."""
