@@ -242,7 +242,7 @@ def test_feathers_that_nothing_reaches_sleep_while_others_move():
 def test_a_common_step_is_one_that_most_feathers_take_at_once(least, most):
     """Feathers' own steps grow by a half at most: a common one that doubled would be divided by all
     of them, be halved for that, and double again."""
-    rules = StepRules(0, 8, THICKNESS, THICKNESS, 8, 1000, [str(f) for f in range(10)])
+    rules = StepRules(0, 8, THICKNESS, 8, 1000, [str(f) for f in range(10)])
     frame = 1.0 / 24
     steps = FrameSteps(rules, 0.0, frame, StepPacing(0.25 * frame))
     assert steps.left()
@@ -262,7 +262,7 @@ def test_a_common_step_is_one_that_most_feathers_take_at_once(least, most):
 def test_steps_are_bounded_by_one_that_was_dear_to_do_again(again, halved):
     """Feathers would have longer ones, and most of these would be solved in vain; not so where a
     few are in trouble, for which all others need no shorter ones."""
-    rules = StepRules(0, 32, THICKNESS, THICKNESS, 8, 1000, [str(f) for f in range(10)])
+    rules = StepRules(0, 32, THICKNESS, 8, 1000, [str(f) for f in range(10)])
     state = SimpleNamespace(proposal=np.full(10, 1.0))
     none = ContactReport(0, 1, 10, 0.0, 0.0, 0.0, np.zeros(10), np.zeros(10))
     report = make_report(10)
@@ -290,7 +290,7 @@ def test_steps_are_bounded_by_one_that_was_dear_to_do_again(again, halved):
 
 def test_what_a_step_cannot_be_cut_for_is_searched_for_to_the_end():
     """A feather that waits for shorter steps would stay off where there are none."""
-    rules = StepRules(0, 8, THICKNESS, THICKNESS, 8, 1000, ["one", "two"])
+    rules = StepRules(0, 8, THICKNESS, 8, 1000, ["one", "two"])
     shortest = 1.0 / 24 / 8
     for parts, most in ((8.0, 0.5), (1.0, 2.0), (0.5, 2.0), (0.125, np.inf), (0.0625, np.inf)):
         span = StepSpan(0.0, parts * shortest, shortest, True)

@@ -71,26 +71,24 @@ def test_a_plate_sticks_on_a_flat_slope_and_slides_down_a_steep_one():
     assert found.energy_gain == 0.0
 
 
-_COARSE = pytest.mark.xfail(strict=True, reason="steps by tolerance leave friction a tenth off")
+_SHARED = pytest.mark.xfail(
+    strict=True, reason="of steps that feathers divide, one force at the end reaches the other"
+)
 
 
+@pytest.mark.parametrize("steps", [pytest.param(0, marks=_SHARED), 16, 64])
 @pytest.mark.parametrize(
-    ("case", "figure", "most", "steps"),
+    ("case", "figure", "most"),
     [
-        pytest.param("slide", "acceleration", 0.02, 0, marks=_COARSE),
-        ("slide", "acceleration", 0.02, 16),
-        ("slide", "acceleration", 0.02, 64),
-        ("collide", "momentum", 2e-3, 0),
-        ("collide", "momentum", 2e-3, 16),
-        ("collide", "momentum", 2e-3, 64),
-        ("plates", "frequency", 0.06, 0),
-        ("plates", "frequency", 0.02, 16),
+        ("slide", "acceleration", 0.02),
+        ("collide", "momentum", 2e-3),
+        ("plates", "frequency", 0.015),
     ],
 )
 def test_plates_move_as_their_closed_forms_say(case, figure, most, steps):
     found = run_contact(ContactTest(case=case, steps=steps))
     assert getattr(found, figure) == pytest.approx(getattr(found, f"{figure}_exact"), rel=most)
-    assert found.energy_gain < 1e-3 or (case, steps) == ("collide", 0)
+    assert found.energy_gain < 1e-3
 
 
 def test_a_gain_of_energy_is_found_after_a_loss():

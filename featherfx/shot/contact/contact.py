@@ -2,8 +2,7 @@
 
 Within a frame the feathers that touch must know of each other at the same times, so they take
 common steps: a given number per frame, or as many as most of them need to keep to the quality's
-tolerance. The others divide these into steps of their own, but for feathers that press each other:
-forces that both feel at the ends of the same steps carry the same momentum.
+tolerance; the others divide these into steps of their own, while what they touch moves evenly.
 """
 
 from __future__ import annotations
@@ -152,10 +151,6 @@ class ShotContact:
             steps=self.contact.steps,
             substeps=substeps,
             thickness=np.maximum(self._thickness, 2.0 * self.solver.settings.tolerance),
-            tolerance=np.repeat(
-                [solver.settings.tolerance for solver in self.solver.solvers],
-                np.diff(self.solver.grids.first),
-            ),
             rounds=self.solver.settings.rounds,
             iterations=MAX_INTERVAL_WORK,
             names=self.names,

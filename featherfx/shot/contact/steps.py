@@ -81,14 +81,12 @@ class StepRules:
 
     steps: common steps of a frame, 0: as many as are needed. substeps: most regular steps of a
     feather in a frame. thickness: (B,) m, of each vane, or twice what rounds may leave in a frame.
-    tolerance: (B,) m, error of a step. rounds: of a step that was easy, at most. iterations:
-    MAX_ITERATIONS. names: ids.
+    rounds: of a step that was easy, at most. iterations: MAX_ITERATIONS. names: ids.
     """
 
     steps: int
     substeps: int
     thickness: Array
-    tolerance: Array
     rounds: int
     iterations: int
     names: list[str]
@@ -98,17 +96,10 @@ class StepRules:
         return bool((contact.off > _WRONG * self.thickness).any())
 
     def off(self, reports: Sequence[StepReport], contact: ContactReport, span: StepSpan) -> Flags:
-        """(B,) bodies that are to be stepped over a span again, in shorter steps: not solved, with
-        contacts that are off by more than a step of its length may have, or with a larger error
-        than the tolerance in a step that they may not divide, as others press them."""
-        status, steps, error = (
-            np.concatenate([getattr(report, name) for report in reports])
-            for name in ("status", "steps", "error")
-        )
-        off = (contact.off > self._most_off(span)) | (status != 0.0)
-        if span.own and self.is_long(span):
-            off |= (steps == 1.0) & (error > self.tolerance)
-        return np.asarray(off)
+        """(B,) bodies that are to be stepped over a span again, in shorter steps: not solved, or
+        with contacts that are off by more than a step of its length may have."""
+        status = np.concatenate([report.status for report in reports])
+        return np.asarray((contact.off > self._most_off(span)) | (status != 0.0))
 
     def is_long(self, span: StepSpan) -> bool:
         """Return whether a span is longer than a regular step: cut for contacts that are a little

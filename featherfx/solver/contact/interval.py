@@ -452,7 +452,6 @@ class ContactSolver:
             batches=run.batches(room),
             step=run.step,
             alone=run.alone,
-            shared=run.step._replace(shortest=run.step.duration),
             touch=self.found.touch,
             contacts=self.found.number,
             listed=self._listed,

@@ -25,8 +25,6 @@ _GENTLE = 1e-2
 # contacts that press from opposite sides: cosine between their normals, and how many rows they are
 # apart, at most
 _OPPOSED, _BESIDE = -0.5, 1
-# m, how far planes of bodies that are solved as well begin away
-_ABSENT = 1e3
 
 
 @kernel
@@ -273,11 +271,7 @@ def hand_out(body, touch, listed, mine, start, now, rules, planes):
         force = contact.host_force if is_guest else contact.guest_force
         if force == 0.0 and contact.gap > rules.reach:
             continue
-        first, to = to, _hand_to(contact, body, start, now, rules, planes, to)
-        if not is_led(contact, body, mine):
-            # what is solved as well is where it is found at the end, and nowhere before
-            for at_plane in range(first, to):
-                planes.offset[at_plane, 0] = planes.offset[at_plane, 1] - _ABSENT
+        to = _hand_to(contact, body, start, now, rules, planes, to)
     return to
 
 

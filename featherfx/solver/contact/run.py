@@ -126,13 +126,12 @@ class RoundRules(NamedTuple):
 
 
 class Sweep(NamedTuple):
-    """Data that the team works on. step, alone, shared: settings of a body, of one that nothing
-    presses, and of one that another presses that is solved as well."""
+    """Data that the team works on. step, alone: settings of a body, and of one that nothing
+    presses."""
 
     batches: Batches
     step: StepSettings
     alone: StepSettings
-    shared: StepSettings
     touch: NDArray[np.void]
     contacts: int
     listed: ByBody

@@ -159,13 +159,16 @@ def _advance(body, thread, reach, frame, sweep):
 
 @kernel
 def _end_blow(body, sweep):
-    """Leave a body that was struck the accelerations of before: a blow is an impulse.
+    """Leave a body that another struck in its one step the accelerations of before.
 
-    To go on with its acceleration would give a part of the impulse once more, and energy with it.
+    A blow is an impulse: to go on with its acceleration would give a part of it once more, and
+    energy with it.
     """
-    batches = sweep.batches
+    batches, marks = sweep.batches, sweep.marks
     g, f = batches.batch[body], batches.place[body]
-    if sweep.marks.borne[body] != 0:
+    if marks.borne[body] != 0 or viewed(batches.report, g).steps[f] != 1.0:
+        return
+    if not is_shared(body, sweep.touch, sweep.listed, marks.mine):
         return
     old, new = viewed(batches.old, g), viewed(batches.new, g)
     copy_points(points_of(old.acceleration, f), points_of(new.acceleration, f))
@@ -174,15 +177,12 @@ def _end_blow(body, sweep):
 
 @kernel
 def _solve(body, thread, reach, sweep):
-    """Solve one body: as a feather alone if nothing presses it, before as after; in one step if
-    what is solved as well presses it: forces at the ends of their steps are equal and opposite."""
+    """Solve one body: as a feather alone if nothing presses it, before as after."""
     alone = not is_pressed(body, sweep.touch, sweep.listed)
     if alone and not _advance(body, thread, reach, sweep.alone, sweep):
         return
     if not alone or is_pressed(body, sweep.touch, sweep.listed):
-        if not is_shared(body, sweep.touch, sweep.listed, sweep.marks.mine):
-            _advance(body, thread, reach, sweep.step, sweep)
-        elif _advance(body, thread, reach, sweep.shared, sweep):
+        if _advance(body, thread, reach, sweep.step, sweep):
             _end_blow(body, sweep)
 
 
