@@ -62,9 +62,9 @@ integrator_kernels = KernelModule("featherfx.solver.step.integrator_kernels")
 Flags = NDArray[np.bool_]
 
 # springs of a round over the estimated stiffness of one node: of 2 to 16, 8 took the fewest
-# iterations in a dense plumage (stiffer ones leave feathers unsolved); between two bodies that are
-# solved, over its inertia: of 1 to 8, 2 takes a third of the rounds of 8 for swinging plates
-_FIT, _INERTIA_FIT = 8.0, 2.0
+# iterations in a dense plumage (stiffer ones leave feathers unsolved); over the inertia of bodies
+# that nothing pressed before, 2: a collision takes a third of the rounds
+_FIT, _STRUCK_FIT = 8.0, 2.0
 # gap, over the margin, beyond which a contact without a force is not handed to a feather
 _FAR = 0.5
 # stiffness of contacts that yield, over what it would be
@@ -379,8 +379,9 @@ class ContactSolver:
         settings, (memory, before), (turns, again) = self.settings, known, manner
         inertia = self._inertia(run.duration) * self._mass
         whole, firm = _FIT * (inertia + self._elastic), _FIT * (inertia + self._firm)
-        sharing = np.maximum(self._count_pressing(memory), 1)[:, None, None]
-        impedance = _INERTIA_FIT * inertia + _FIT * self._elastic / sharing
+        pressing = self._count_pressing(memory)[:, None, None]
+        struck = np.where(pressing > 0, _FIT, _STRUCK_FIT) * inertia
+        impedance = struck + _FIT * self._elastic / np.maximum(pressing, 1)
         impedance[~self._free] = _RIGID
         bodies = moving_bodies(run.start, run.now, impedance)
         self._found_in = memory._replace(inside=memory.inside.copy())

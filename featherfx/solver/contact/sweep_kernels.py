@@ -181,9 +181,9 @@ def _solve(body, thread, reach, sweep):
     alone = not is_pressed(body, sweep.touch, sweep.listed)
     if alone and not _advance(body, thread, reach, sweep.alone, sweep):
         return
-    if not alone or is_pressed(body, sweep.touch, sweep.listed):
-        if _advance(body, thread, reach, sweep.step, sweep):
-            _end_blow(body, sweep)
+    pressed = not alone or is_pressed(body, sweep.touch, sweep.listed)
+    if pressed and _advance(body, thread, reach, sweep.step, sweep):
+        _end_blow(body, sweep)
 
 
 @kernel
