@@ -5,24 +5,23 @@ A node at x meets a host with its triangle T only if (find_kernels), with n the 
 point closest to x, w = x - y, and t the sum of both half thicknesses:
 
     beside the normal through y it is no farther than OVER_RATIO t,   |w - (n.w) n| <= OVER_RATIO t,
-    it is below the height that counts,     side n.w <= t + margin,
+    it is below the height that counts,     side n.w <= t + margin + ways,
     and no farther away than is searched,   |w| <= far + margin + ways,
 
-ways: what both bodies go past each other in the interval (way_between), M at most where a pair is
-left out. So the pair has no contact if for a slack S each node fails one of these for each
-triangle, with S added to the right sides and M instead of ways. (A normal of no length passes the
-first two.)
+ways: what both bodies go past each other in the interval (way_between). So the pair has no contact
+if for a slack S > ways each node fails one of these for each triangle, with S added to the right
+sides instead of ways. (A normal of no length passes the first two.)
 
 Every body has a frame of its own, which turns and goes with it (follow). From one pose to the next,
 w changes by no more than its ends move in the host's frame; n.w and |w - (n.w) n| by that and |w|
-times the way of n's tip, where |w| is that in the pose in which it counts: far + margin + M + S at
+times the way of n's tip, where |w| is that in the pose in which it counts: far + margin + S at
 most. So every body adds up, search by search, how far its nodes went in its frame (as a guest), and
-that and (far + margin + M + S) times the way of the normals' tips (as a host). The guest's nodes
-also move with its frame: no farther than its origin does in the host's frame, and its axes turn,
+that and (far + margin + S) times the way of the normals' tips (as a host). The guest's nodes also
+move with its frame: no farther than its origin does in the host's frame, and its axes turn there,
 times how far the nodes are from the origin. (The difference of two rotations has the two singular
 values that its Frobenius norm is made of, and zero.) While S and the margin of then are larger than
-what guest and host added since, what their frames went past each other and the margin of now
-together, the pair has no contact. Sums never shrink, however a body turns back, so the poses in
+what guest and host added since, what their frames went past each other, the ways and the margin of
+now together, the pair has no contact. Sums never shrink, however a body turns back, so the poses in
 between need not be known. A bird that walks keeps its pairs, as its feathers move together.
 
 This says nothing of contacts that are there: a pair that has any is looked at each time, and so is
@@ -47,8 +46,8 @@ from featherfx.solver.contact.search_kernels import (
 # edge, and so much of its height above a crease, up to so many thicknesses
 BESIDE_RATIO, SLANT_RATIO, CREASE_RATIO = 1.0, 0.1, 20.0
 OVER_RATIO = BESIDE_RATIO + SLANT_RATIO * CREASE_RATIO
-# slacks that are asked for one after the other, and M, over the widest margin; m, for rounding
-_SLACKS, _MAX_WAY_RATIO, ROUNDING_RATIO = (1.0, 0.3, 0.1, 0.03), 4.0, 1e-9
+# slack that is asked for, over the widest margin, and if there is less; m, for rounding
+_MOST, _LESS, _LEAST, ROUNDING_RATIO = 4.0, 1.0, 0.4, 1e-9
 # looks at a pair until its slack is asked for again: where there was some, and where not
 _SOON, _LATE = 1, 8
 # a triangle's size that lets no node be beside it, m
@@ -112,7 +111,7 @@ def follow(body, search, clearance):
     """Add to what a body has changed since the search before, and renew its triangles."""
     surfaces, ahead, frame = search.surfaces, search.bodies.ahead[body], clearance.frame[body]
     before, width = clearance.nodes[body], search.surfaces.present.shape[2]
-    most, moved, extent, lost = _MAX_WAY_RATIO * search.widest, 0.0, 0.0, False
+    most, moved, extent, lost = _MOST * search.widest, 0.0, 0.0, False
     _fit_frame(ahead, surfaces, body, frame)
     for i in range(ahead.shape[0]):
         for c in range(width):
@@ -131,7 +130,7 @@ def follow(body, search, clearance):
         return
     moved = sqrt(moved)
     turned, largest = _renew(body, search, clearance)
-    as_host = moved + (surfaces.far[body] + 2.0 * search.widest + most) * turned
+    as_host = moved + (surfaces.far[body] + search.widest + most) * turned
     # as much as makes every pair of the body be looked at
     enough = 2.0 * most
     clearance.as_guest[body] += enough if lost else moved
@@ -202,24 +201,26 @@ def _gone(guest, host, pose, clearance):
 
 
 @kernel
-def is_clear(pair, guest, host, margin, search, clearance):
-    """Return whether a pair cannot have come to touch since it was looked at. margin: m, now."""
-    left = clearance.until[pair] - clearance.as_guest[guest] - clearance.as_host[host] - margin
-    if left <= 0.0 or left <= _gone(guest, host, clearance.pose[pair], clearance):
-        return False
-    return way_between(search.bodies, guest, host) <= _MAX_WAY_RATIO * search.widest
+def is_clear(pair, guest, host, reach, clearance):
+    """Return whether a pair cannot have come to touch since it was looked at. reach: m, its margin,
+    and what the bodies go past each other."""
+    left = clearance.until[pair] - clearance.as_guest[guest] - clearance.as_host[host]
+    return left > reach and left - _gone(guest, host, clearance.pose[pair], clearance) > reach
 
 
 @kernel
-def clear(pair, bodies, side, margin, search, clearance):
-    """Note for how long a pair in which no contact was found has none. bodies: guest and host."""
+def clear(pair, bodies, side, reach, search, clearance):
+    """Note for how long a pair in which no contact was found has none. bodies: guest and host.
+    reach: margin and way between them, m."""
     if clearance.wait[pair] > 0:
         clearance.wait[pair] -= 1
         return
-    guest, host = bodies
+    (guest, host), (margin, way) = bodies, reach
     clearance.wait[pair] = _LATE
-    for part in _SLACKS:
+    for part in (_MOST, _LESS, _LEAST):
         slack = part * search.widest
+        if slack - ROUNDING_RATIO <= way:
+            return
         if _has_slack(guest, host, side, (margin, slack), search, clearance):
             gone = clearance.as_guest[guest] + clearance.as_host[host]
             clearance.until[pair] = margin + slack - ROUNDING_RATIO + gone
@@ -233,7 +234,7 @@ def _has_slack(guest, host, side, room, search, clearance):
     """Return whether all nodes of a guest have a slack over a host. room: margin and slack, m."""
     surfaces, bounds = search.surfaces, search.bodies.bounds[host]
     thickness, (margin, slack) = clearance.half[guest] + clearance.half[host], room
-    reach = surfaces.far[host] + margin + slack + _MAX_WAY_RATIO * search.widest
+    reach = surfaces.far[host] + margin + slack
     limits = OVER_RATIO * thickness + slack, thickness + margin + slack, reach
     away, frame = reach + clearance.size[host], clearance.frame[host]
     facets, count = clearance.facets[host], clearance.facet_count[host]

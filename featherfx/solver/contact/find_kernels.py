@@ -52,13 +52,8 @@ class Node(NamedTuple):
 
 
 @kernel
-def margin_of(search, guest, host, side):
-    """m, gap below which the nodes of a guest are followed over a host, on whose side they belong.
-
-    Without an order, 0, the side goes by where a node comes from: it is followed from far away.
-    """
-    if side == 0:
-        return search.widest
+def margin_of(search, guest, host):
+    """m, gap below which the nodes of a guest are followed over a host."""
     return 0.5 * (search.margin[guest] + search.margin[host])
 
 
@@ -217,7 +212,7 @@ def _at_start(contact, x, near, search):
     and how far it is along the host's normal, m, on the contact's side. The contact is put on the
     closest triangle."""
     surfaces, bodies, host = search.surfaces, search.bodies, contact.host
-    margin = margin_of(search, contact.guest, host, contact.side)
+    margin = margin_of(search, contact.guest, host)
     limit = surfaces.far[host] + margin + bodies.way[contact.guest] + bodies.way[host]
     start, present, boxes = bodies.start[host], surfaces.present[host], bodies.boxes[host]
     near = nearest_node(x, start, present, boxes, near, limit)
@@ -239,7 +234,7 @@ def _belongs_to_order(contact, x, near, search):
     columns, points = search.surfaces.exists.shape[3], search.bodies.start[contact.guest]
     known, side = search.memory.key, search.memory.side
     _, _, low = _at_start(contact, x, near, search)
-    margin = margin_of(search, contact.guest, contact.host, contact.side)
+    margin = margin_of(search, contact.guest, contact.host)
     own = columns + p if p <= columns else 2 * columns - p
     for k in range(4):
         # of a point of the rim the nodes at its ends
@@ -273,21 +268,19 @@ def _of_corners(values, contact):
 
 @kernel
 def _meets(contact, along, node, search):
-    """Return whether a point over its host is near it, or without an order on its way there, or on
-    the side where no order has it, which has to be remembered; sets its gap at the start. along:
-    m, over the host."""
+    """Return whether a point over its host is near it or on its way there, or on the side where no
+    order has it, which has to be remembered; sets its gap at the start. along: m, over the host."""
     bodies, guest, host = search.bodies, contact.guest, contact.host
+    # bodies that collide do not go where they are headed, so their way counts as well
     begin = guest_place(bodies.start[guest], contact.row, contact.point, contact.fraction)
+    ahead = guest_place(bodies.ahead[guest], contact.row, contact.point, contact.fraction)
     gap = contact.side * along - contact.thickness
     kept = node.side != 0 and contact.side != node.side
     if node.known >= 0 and search.again:
         # where it pressed in another search of the interval it goes on, or poses would alternate
         kept = kept or search.memory.force[node.known, 0] > 0.0
-    margin = margin_of(search, guest, host, node.side)
-    if node.side == 0:
-        ahead = guest_place(bodies.ahead[guest], contact.row, contact.point, contact.fraction)
-        margin += _closing(bodies, begin, ahead, contact)
-    if not kept and gap > margin:
+    margin = margin_of(search, guest, host)
+    if not kept and gap > margin + _closing(bodies, begin, ahead, contact):
         return False
     start, _ = _along(bodies.start[host], begin, contact)
     set_gaps(contact, contact.thickness, contact.side * start, search.recovery)
@@ -351,9 +344,8 @@ def _find_pair(pair, candidates, room, search, touch, state):
     guests, boxes, bounds = surfaces.guests[guest], bodies.boxes[guest], bodies.bounds[host]
     rows, width = guests.shape
     margin, columns, own = room.margin, surfaces.exists.shape[3], surfaces.columns[guest]
-    way = way_between(bodies, guest, host)
     present, exists, host_boxes = surfaces.present[host], surfaces.exists[host], bodies.boxes[host]
-    limit = surfaces.far[host] + margin + way
+    limit = surfaces.far[host] + margin + room.way
     begin, host_begin = bodies.start[guest], bodies.start[host]
     end, host_end = bodies.ahead[guest], bodies.ahead[host]
     # neighbours on the guest are near neighbours on the host
@@ -387,8 +379,10 @@ def _find_pair(pair, candidates, room, search, touch, state):
             near, closest = found, closest_point(x, host_now, exists, found)
             if closest[0][0] < 0:
                 continue
-            if not is_known and is_off(x, closest, host_now, columns, side, room):
-                continue
+            if not is_known:
+                y = guest_place(begin, i, p, fraction)
+                if is_off(x, y, closest, (host_begin, host_now), columns, side, room):
+                    continue
             node = Node(pair, guest, host, i, c, side, at if is_known else -1, depth)
             count = _find_node(x, node, near, closest, search, touch, count)
     if search.turns:
@@ -465,15 +459,16 @@ def find_contacts(candidates, search, earlier, clearance, low, high, touch):
                     touch[count] = before[old]
                 count, old = count + 1, old + 1
             continue
-        side, already = candidates.order[pair], count
-        margin = margin_of(search, guest, host, side)
+        margin = margin_of(search, guest, host)
         if boxes_apart(bodies.bounds[guest], bodies.bounds[host], margin):
             continue
-        if is_clear(pair, guest, host, margin, search, clearance):
+        way = way_between(bodies, guest, host)
+        if is_clear(pair, guest, host, margin + way, clearance):
             continue
+        side, already = candidates.order[pair], count
         looked_at += 1
-        room = room_of(guest, host, side, margin, search, clearance.half)
+        room = room_of(guest, host, side, margin, way, search, clearance.half)
         count, at = _find_pair(pair, candidates, room, search, touch, (count, at))
         if count == already and side != 0:
-            clear(pair, (guest, host), side, margin, search, clearance)
+            clear(pair, (guest, host), side, (margin, way), search, clearance)
     return count, looked_at

@@ -76,8 +76,6 @@ MAX_CONTACT_ITERATIONS = 1000
 # searches for contacts in one interval: the poses at its end are not known before; margin of the
 # next, over the way that a body went against expectation
 _MAX_SEARCHES, _WIDER = 4, 2.0
-# margin of a body that went where it was headed, over its largest: one thickness
-_MIN_MARGIN_RATIO = 1.0 / 6.0
 _MIN_RESIDUAL = 1e-9  # m, below which rounds see no more than what is left of the solves
 
 
@@ -203,7 +201,6 @@ class ContactSolver:
         self._free = np.ones(bodies, dtype=np.bool_)
         self._fixed = np.zeros(bodies, dtype=np.int8)
         self.memory = no_memory(self.surfaces)
-        self._surprise = self.memory.surprise
         self._searched: Array | None = None
         self.found, self._spare = ContactSearch(new_touch(), 0), new_touch()
         self._listed = ByBody(np.zeros(bodies + 1, dtype=np.int64), np.zeros(0, dtype=np.int64))
@@ -257,12 +254,8 @@ class ContactSolver:
         if yielding is not None:
             soft[yielding] = 1
         before, forces = ContactSearch(new_touch(1), 0), np.zeros(self.grids.bodies)
-        # what settles is stopped after each step, and headed nowhere
-        surprise = np.full_like(self._margin, np.inf) if settling else memory.surprise
-        expected = _WIDER * surprise * duration**2
-        margin = np.clip(expected, _MIN_MARGIN_RATIO * self._margin, self._margin)
-        off, moved = np.zeros(self.grids.bodies), np.zeros(self.grids.bodies)
-        searched = self._searched_room(run.now)
+        margin, off = self._margin.copy(), np.zeros(self.grids.bodies)
+        moved, searched = np.zeros(self.grids.bodies), self._searched_room(run.now)
         for number in range(_MAX_SEARCHES):
             np.copyto(searched, run.now)
             looked = stale if number else free
@@ -274,8 +267,6 @@ class ContactSolver:
             solved = self._solve(run, stale & (off == 0.0), soft, off > 0.0)
             rounds += int(solved.islands.rounds.max(initial=0))
             meeting_kernels.largest_moves(run.now, searched, free, moved)
-            if number == 0:
-                self._surprise = surprise if settling else moved / duration**2
             worst = solved.marks.worst
             off = np.where(worst > lost, worst, off)
             stale, before = (moved >= margin) & ~run.failed() & (off == 0.0), self.found
@@ -322,8 +313,7 @@ class ContactSolver:
         """Keep the forces of the last interval for the next one. but: (B,) bodies of which, and of
         what touches them, those before are kept."""
         kept = ~self._free if but is None else ~self._free | but
-        found_in = self._found_in._replace(surprise=self._surprise)
-        new = self.found.remembered(self.candidates.order, found_in)
+        new = self.found.remembered(self.candidates.order, self._found_in)
         self.memory = self._joined(self.memory, new, kept, but is None) if kept.any() else new
 
     def _joined(
@@ -347,7 +337,6 @@ class ContactSolver:
             side=np.concatenate([each.side[chosen] for each, chosen in parts])[order],
             wall=np.where(bodies, old.wall, new.wall),
             inside=np.where(bodies, old.inside, new.inside),
-            surprise=np.where(kept, old.surprise, new.surprise),
         )
 
     def pressed(self) -> Indices:
