@@ -294,7 +294,7 @@ def test_what_is_off_is_told_of_the_last_round():
     model, state = free_feathers("body_contour", places, **GRID)
     state.velocity.nodes[-1, ..., 2] = -4.0
     pairs = [[f + a, f + 1 - a] for a in (0, 1) for f in range(4)]
-    contact = solver_of(model, pairs, [-1] * 4 + [1] * 4, rounds=3)
+    contact = solver_of(model, pairs, [-1] * 4 + [1] * 4, rounds=2)
     _, _, report = contact.interval([state], [no_loads(5)], [hold_roots(state)], 3e-4)
     found = contact.found.contacts
     felt = found["guest_force"], found["host_force"]

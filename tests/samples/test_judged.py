@@ -13,7 +13,6 @@ from featherfx.usd.check import judge
 PASSED = {
     "torn_feather": {"lengths"},  # lips of open splits keep no lengths
     "owl_flight": {"pops"},  # primaries flutter faster than frames at draft
-    "breeze": {"pops"},  # gusts throw light barbs with their air, as much in fine steps
 }
 # the other small ones are baked by tests/cli/test_samples_bake.py
 SMALL = {"breeze": 4, "wet_feather": 2}

@@ -29,7 +29,7 @@ def shot():
     """A beating wing on a coarse grid."""
     read = featherfx.read_shot(SAMPLE / "shot.toml")
     quality = replace(read.quality.pushing, rows=11, columns=3, coefficients=1, simulated_rows=0)
-    return replace(read, quality=quality, last_frame=34)
+    return replace(read, quality=quality, last_frame=24)
 
 
 def moved(shot, *targets):

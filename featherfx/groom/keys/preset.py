@@ -188,7 +188,7 @@ class Wind:
     seed: Annotated[int, Number(0, 2**31 - 1, whole=True), "Seed of the gusts."] = 1
     added_mass: Annotated[
         bool, "Whether vanes carry the air beside them, which slows them down as more mass would."
-    ] = True
+    ] = False
 
 
 @dataclass(frozen=True)

@@ -352,16 +352,15 @@ class Table:
                     result[old.new] = INVALID if required else replacing.default
             else:
                 result[name] = at.unknown_key(self.keys, _keys_below(self.keys, name))
-                meant = closest(name, list(self.keys), 1)
-                if meant and meant[0] not in value and self.keys[meant[0]].default is REQUIRED:
-                    result[meant[0]] = INVALID  # misspelt, so not missing, too
         for name, key in self.keys.items() if not partial else ():
             if name in result:
                 continue
-            if key.default is REQUIRED:
-                result[name] = place.child(name).fail(f"missing, expects {expected(key.type)}")
-            else:
+            if key.default is not REQUIRED:
                 result[name] = key.default
+            elif closest(name, [each for each in value if each not in self.keys], 1):
+                result[name] = INVALID  # misspelt, so not missing, too
+            else:
+                result[name] = place.child(name).fail(f"missing, expects {expected(key.type)}")
         return result
 
     def describe(self) -> tuple[str, str, str]:
