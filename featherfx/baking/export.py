@@ -96,16 +96,18 @@ def export(
     cache: str | Path,
     output: str | Path,
     *,
+    condensed: bool = False,
     morph: bool = False,
     frames: tuple[int, int] | None = None,
     overwrite: bool = False,
 ) -> list[Path]:
     """Write a cache in another form and return the files.
 
-    output: .usd, .usdc or .usda for one plain file of the whole cache; .abc for one Alembic file
-    (needs the extra "alembic"); .glb, .obj, .ply or .stl for a file per frame, or with morph for
-    one .glb whose morph targets are the frames. Of Alembic and these, frames gives the first and
-    last. Raises InputError.
+    output: .usd, .usdc or .usda for one plain file of the whole cache, or with condensed for
+    Houdini's condensed feathers; .abc for one Alembic file (needs the extra "alembic"); .glb,
+    .obj, .ply or .stl for a file per frame, or with morph for one .glb whose morph targets are the
+    frames. Of Alembic and these, frames gives the first and last.
+    Raises InputError.
     """
     path = Path(output)
     if path.suffix == ".abc":
@@ -121,6 +123,12 @@ def export(
 
         chosen = range(frames[0], frames[1] + 1) if frames else None
         return mesh_sequence(cache, path, chosen, overwrite)
-    from featherfx.usd.convert.merge import flatten
+    if condensed:
+        from featherfx.usd.convert.condensed import export_condensed
 
-    return [flatten(cache, path, overwrite)]
+        export_condensed(cache, path, overwrite)
+    else:
+        from featherfx.usd.convert.merge import flatten
+
+        flatten(cache, path, overwrite)
+    return [path]

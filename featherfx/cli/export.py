@@ -54,6 +54,7 @@ def groom(groom: Path, quality: str | None, style: str, **options: Any) -> None:
     short_help="Write a cache in another form.",
     epilog="""
     featherfx export wing.usda -o wing_flat.usdc
+    featherfx export wing.usdc -o wing_condensed.usdc --condensed
     featherfx export bird.usda -o bird_rigid.usdc --rigid 0.1
     featherfx export bird.usda -o bird_lod.usdc --lod
     featherfx export wing.usdc -o wing.abc
@@ -69,6 +70,7 @@ def groom(groom: Path, quality: str | None, style: str, **options: Any) -> None:
 @click.option(
     "--morph", is_flag=True, help="glTF: one animated .glb with a morph target for each frame."
 )
+@click.option("--condensed", is_flag=True, help="USD: as Houdini's condensed feathers.")
 @click.option(
     "--rigid",
     type=click.FloatRange(min=0.0, min_open=True),
@@ -98,11 +100,13 @@ def export(
     **form: Any,
 ) -> None:
     """Write CACHE (a USD file of featherfx) in another form."""
-    usd = output.suffix in (".usd", ".usda", ".usdc")
-    if rigid is not None and not usd:
-        raise click.UsageError("--rigid goes with a USD file")
-    if lod is not None and (rigid is not None or not usd):
-        raise click.UsageError("--lod goes with a USD file, without --rigid")
+    usd, condensed = output.suffix in (".usd", ".usda", ".usdc"), form["condensed"]
+    if condensed and not usd:
+        raise click.UsageError("--condensed goes with a USD file")
+    if rigid is not None and (condensed or not usd):
+        raise click.UsageError("--rigid goes with a USD file, without --condensed")
+    if lod is not None and (condensed or rigid is not None or not usd):
+        raise click.UsageError("--lod goes with a USD file, without --condensed and --rigid")
     if form["frames"] and usd:
         raise click.UsageError("--frames goes with Alembic and mesh files")
     if form["morph"] and output.suffix != ".glb":

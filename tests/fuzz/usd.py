@@ -157,6 +157,7 @@ COMMANDS = {
         Command(("export", "cache.usda", "-o", "flat.usda"), ("flat.usda",)),
         Command(("retime", "cache.usda", "-o", "slow.usda", "--speed", "0.5"), ("slow.usda",)),
         Command(("view", "cache.usda", "--html", "page.html"), ("page.html",)),
+        Command(("export", "cache.usda", "-o", "drawn.usda", "--condensed"), ("drawn.usda",)),
         Command(
             ("preview", "cache.usda", "-o", "cache.png", "--frame", "2", "--size", "40x30"),
             ("cache.png",),
@@ -365,6 +366,7 @@ KIND = Kind(
         "featherfx.shot.motion.motion",
         "featherfx.shot.read.read",
         "featherfx.usd.check.check",
+        "featherfx.usd.convert.condensed",
         "featherfx.usd.convert.mesh_files",
         "featherfx.usd.convert.retime",
         "featherfx.view.page",

@@ -15,6 +15,7 @@ from featherfx.groom.looks import VANE_COLOUR, linear
 from featherfx.shot.partition.dependence import motion_dependences
 from featherfx.shot.read.read import read_shot
 from featherfx.usd.check.check import check_usd
+from featherfx.usd.convert.condensed import export_condensed
 from featherfx.usd.read.cache import Cache
 
 SWAN = SAMPLES / "swan_wing" / "groom.toml"
@@ -163,6 +164,28 @@ def test_barbs_of_condensed_feathers_carry_their_colours(condensed):
             near = np.linalg.norm(mesh.st - places[k], axis=1)
             if near.min() < 1e-6:
                 assert shades[k] == pytest.approx(mesh.colour[near.argmin()], abs=1e-6)
+
+
+def test_an_export_to_condensed_feathers_takes_the_colours_along(condensed, tmp_path):
+    """All nodes of a mesh's barbs have its colours, and the shaft that of its surface."""
+    export_condensed(condensed / "mesh_feather.usdc", tmp_path / "plain.usdc")
+    cache = Cache(condensed / "mesh_feather.usdc")
+    k, mesh = next((k, e) for k, e in enumerate(cache.feathers) if e.id == "red")
+    points, stage = cache.points(k), Usd.Stage.Open(str(tmp_path / "plain.usdc"))
+    primvars = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath("/plain/red"))
+    assert np.array(primvars.GetPrimvar("displayColor").Get()) == pytest.approx(np.zeros((1, 3)))
+    for end in "lr":
+        nodes = np.array(primvars.GetPrimvar(f"P_barb{end}").Get())
+        shades = np.array(primvars.GetPrimvar(f"displayColor_barb{end}").Get())
+        assert len(shades) == len(nodes)
+        near = np.linalg.norm(points[:, None] - nodes, axis=2)
+        found = near.min(axis=0) < 1e-7
+        assert found.sum() > 0.5 * len(nodes)
+        vane = np.unique(mesh.triangles[mesh.side != 2])
+        off = np.abs(shades - mesh.colour[vane][near[vane].argmin(axis=0)]).max(axis=1)
+        # nodes of rows without a barb are on the shaft, and have its colour
+        assert (off[near[vane].min(axis=0) < 1e-7] < 1e-6).mean() > 0.7
+        assert len(np.unique(shades.round(3), axis=0)) > 2
 
 
 def test_a_colour_that_a_cache_tells_wrong_is_refused(condensed, tmp_path):

@@ -5,19 +5,24 @@ from __future__ import annotations
 import errno
 import json
 import struct
+from dataclasses import replace
 from pathlib import Path
 
+import feathers
 import numpy as np
 import pytest
 import trimesh
 from commands import invoke
 from places import SAMPLES
-from pxr import Usd
+from pxr import Usd, UsdGeom
 
 import featherfx
 from featherfx.baking import pipeline
 from featherfx.errors import InputError
+from featherfx.feather.build import build_feather
 from featherfx.usd.read.cache import Cache
+from featherfx.usd.write.cache_writer import CacheWriter
+from featherfx.usd.write.options import WriteOptions
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +63,63 @@ def test_a_flattened_cache_stands_alone(tmp_path, caches, kind, suffix):
             one, other = flat.pose(index, code), source.pose(index, code)
             np.testing.assert_array_equal(one.points, other.points)
             np.testing.assert_array_equal(one.barb_direction, other.barb_direction)
+
+
+def test_condensed_feathers_carry_the_barbs(tmp_path, caches):
+    path = tmp_path / "condensed.usda"
+    pipeline.export(caches["clips"], path, condensed=True)
+    assert pipeline.check(path) == []
+    with pytest.raises(InputError, match="without the shapes of `bake --as condensed`"):
+        Cache(path)
+    stage = Usd.Stage.Open(str(path))
+    curve = UsdGeom.BasisCurves.Get(stage, "/condensed/primary_1")
+    for code in (1, 4):
+        material = feathers.frame(code).poses[0].points.nodes
+        np.testing.assert_allclose(curve.GetPointsAttr().Get(code), material[:, 0], atol=1e-7)
+        for name, first in (("P_barbl", 1), ("P_barbr", 1 + feathers.COLUMNS)):
+            primvar = UsdGeom.PrimvarsAPI(curve).GetPrimvar(name)
+            assert primvar.GetElementSize() == feathers.COLUMNS
+            barbs = np.array(primvar.Get(code)).reshape(feathers.ROWS, feathers.COLUMNS, 3)
+            nodes = material[:, first : first + feathers.COLUMNS]
+            np.testing.assert_allclose(barbs, nodes, atol=1e-7)
+
+
+def test_condensed_feathers_keep_subframes(tmp_path):
+    path = tmp_path / "half.usdc"
+    with CacheWriter(
+        path, feathers.entries()[:1], (1, 2), 24.0, WriteOptions(subframes=2)
+    ) as writer:
+        for code in (1, 1.5, 2):
+            frame = feathers.frame(code)
+            writer.write(replace(frame, poses=frame.poses[:1]))
+    pipeline.export(path, tmp_path / "condensed.usda", condensed=True)
+    stage = Usd.Stage.Open(str(tmp_path / "condensed.usda"))
+    points = UsdGeom.BasisCurves.Get(stage, "/condensed/primary_1").GetPointsAttr()
+    assert points.GetTimeSamples() == [1.0, 1.5, 2.0]
+    wanted = feathers.frame(1.5).rows[0][:, 0]
+    np.testing.assert_allclose(points.Get(1.5), wanted, atol=1e-7)
+
+
+def test_condensed_feathers_are_a_groom_again(tmp_path, wing):
+    path = tmp_path / "condensed.usdc"
+    pipeline.export(wing, path, condensed=True)
+    before = featherfx.read_groom(SAMPLES / "swan_wing/groom.toml").feathers
+    after = {each.id: each for each in featherfx.read_groom(path).feathers}
+    assert len(after) == len(before) == 20
+    for old in before[::3]:
+        new = after[old.id]
+        np.testing.assert_allclose(new.position, old.position, atol=1e-6)
+        assert new.kind.length == pytest.approx(old.kind.length, rel=5e-3)
+        assert new.kind.calamus == pytest.approx(old.kind.calamus, abs=0.12)
+        one, other = (
+            build_feather(each.kind, 21, 5, each.mirrored).barb_length for each in (old, new)
+        )
+        if old.mirrored:  # a USD groom is read as a right wing, whose left vanes lead
+            other = other[::-1]
+        assert np.quantile(np.abs(one - other), 0.85) < 0.05 * one.max()
+        assert one[0].max() / one[1].max() == pytest.approx(
+            other[0].max() / other[1].max(), rel=0.1
+        )
 
 
 @pytest.mark.parametrize("suffix", [".glb", ".obj"])
@@ -165,4 +227,14 @@ def test_what_cannot_be_exported_is_told(tmp_path, caches, wing):
         pipeline.export(caches["usda"], tmp_path / "out.obj", frames=(4, 9))
     with pytest.raises(InputError, match="there is no such file"):
         pipeline.export(tmp_path / "none.usdc", tmp_path / "out.usda")
-    assert [file.name for file in tmp_path.iterdir()] == []
+    stage = Usd.Stage.CreateNew(str(tmp_path / "plain.usda"))
+    mesh = UsdGeom.Mesh.Define(stage, "/box")
+    mesh.CreatePointsAttr([(0, 0, 0), (1, 0, 0), (0, 1, 0)])
+    mesh.CreateFaceVertexCountsAttr([3])
+    mesh.CreateFaceVertexIndicesAttr([0, 1, 2])
+    stage.Save()
+    with pytest.raises(InputError, match="has no barb grid"):
+        pipeline.export(tmp_path / "plain.usda", tmp_path / "out.usda", condensed=True)
+    assert [file.name for file in tmp_path.iterdir()] == ["plain.usda"]
+    result = invoke("export", wing, "-o", "a.glb", "--condensed")
+    assert result.exit_code == 2

@@ -18,6 +18,7 @@ from featherfx.errors import InputError, SimulationError
 from featherfx.feather.types import both
 from featherfx.usd.check.check import check_usd
 from featherfx.usd.check.measures import count_crossings
+from featherfx.usd.convert.condensed import export_condensed
 from featherfx.usd.convert.merge import flatten, join_shares
 from featherfx.usd.convert.mesh_files import mesh_sequence
 from featherfx.usd.read.cache import Cache
@@ -259,8 +260,11 @@ def test_what_moves_has_samples_of_constant_length_and_what_rests_none(shared):
             assert prim.GetAttribute(name).GetNumTimeSamples() == 0
 
 
-def test_mesh_files_have_a_mesh_a_feather(shared, tmp_path):
+def test_other_forms_have_a_prim_a_feather(shared, tmp_path):
     names = {f.name for f in Cache(shared).feathers}
+    assert export_condensed(shared, tmp_path / "condensed.usda") == 4
+    stage = Usd.Stage.Open(str(tmp_path / "condensed.usda"))
+    assert {p.GetName() for p in stage.Traverse() if p.IsA(UsdGeom.BasisCurves)} == names
     (written,) = mesh_sequence(shared, tmp_path / "o.glb", [2.0])
     assert set(trimesh.load(written).geometry) == names
 

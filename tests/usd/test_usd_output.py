@@ -244,6 +244,7 @@ def test_reading_compiles_nothing():
         "read.skin",
         "check.check",
         "convert.mesh_files",
+        "convert.condensed",
         "write.previous_cache",
     )
     code = "; ".join(f"import featherfx.usd.{name}" for name in modules)

@@ -60,8 +60,9 @@ def test_rest_feathers_and_exports_keep_their_source(tmp_path, shot):
     featherfx.bake(shot, cache, layout="payload")
     before = contents(tmp_path)
     for name in ("o.usda", "o.payload.usdc"):
-        with pytest.raises(InputError, match="is an input"):
-            featherfx.export(cache, tmp_path / name, overwrite=True)
+        for condensed in (False, True):
+            with pytest.raises(InputError, match="is an input"):
+                featherfx.export(cache, tmp_path / name, condensed=condensed, overwrite=True)
     assert contents(tmp_path) == before
 
 

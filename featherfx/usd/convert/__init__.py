@@ -1,4 +1,4 @@
-"""Caches in other forms: Alembic, glTF, levels of detail, transforms, another time.
+"""Caches in other forms: Alembic, glTF, condensed feathers, transforms.
 
 Change here: `featherfx export`, `featherfx retime`.
 """
