@@ -46,7 +46,8 @@ def groom(groom: Path, quality: str | None, style: str, **options: Any) -> None:
     """Write the feathers of GROOM (a TOML or USD file) at rest to USD, without time samples."""
     with Progress("feathers", style):
         count = pipeline.export_groom(groom, quality=quality or "final", **options)
-    click.echo(f"{options['output']}: {count} feathers at rest", err=True)
+    feathers = "feather" if count == 1 else "feathers"
+    click.echo(f"{options['output']}: {count} {feathers} at rest", err=True)
 
 
 @click.command(

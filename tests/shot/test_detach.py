@@ -1,5 +1,7 @@
 """Feathers that leave their roots: momenta without air, terminal speed with it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -122,14 +124,16 @@ bending_across = 1e-2
 )
 
 
-def test_a_flat_stiff_feather_reaches_the_speed_at_which_drag_bears_its_weight(tmp_path):
+@pytest.mark.parametrize("carries_air", [False, True])
+def test_a_flat_stiff_feather_falls_at_its_terminal_speed(tmp_path, carries_air):
     """m g = 1/2 rho S C v^2 and, on the way there, v = v_t tanh(m g t / (m + m_a) / v_t), m_a the
     mass of the air that it carries: it falls broadside."""
     more = "settle = false\nframes_per_second = 12\n[[detach]]\n"
-    frames, mass, _ = run(shot_of(tmp_path, more, PLATE))
+    shot = shot_of(tmp_path, more, PLATE)
+    frames, mass, _ = run(replace(shot, wind=replace(shot.wind, added_mass=carries_air)))
     drag = 0.5 * 1.225 * 1.2 * 2 * 0.04 * 0.2
     terminal = np.sqrt(mass.sum() * 9.81 / drag)
-    carried = 1.225 * np.pi / 4 * 0.08**2 * 0.2
+    carried = carries_air * 1.225 * np.pi / 4 * 0.08**2 * 0.2
     pull = 9.81 * mass.sum() / (mass.sum() + carried)
     for frame in frames[1:]:
         speed = centre(mass, frame.poses[0].velocities)
