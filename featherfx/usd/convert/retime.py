@@ -182,7 +182,8 @@ def retime(
     bounds = [corners for prim in parts for corners in prim.write(layer, times, rate)]
     hint = layer.GetAttributeAtPath(stage.GetDefaultPrim().GetPath().AppendProperty("extentsHint"))
     if hint:
-        every = np.array([*bounds, np.asarray(hint.default)])
+        rest = np.asarray(hint.default)
+        every = np.array([*bounds, *([rest] if rest.shape == (2, 3) else [])])
         hint.default = vec3f([every[:, 0].min(axis=0), every[:, 1].max(axis=0)])
     layer.startTimeCode, layer.endTimeCode = times.first, times.last
     # no bake may resume from it

@@ -161,6 +161,8 @@ def _variant_fault(layer: Any) -> str:
         prim = prims.pop()
         prims += prim.nameChildren
         for name, variants in prim.variantSets.items():
+            if variants is None:  # its name is all that the file has
+                return f"is damaged: {prim.path} has no variants of '{name}'"
             for variant, _ in variants.variants.items():
                 at = prim.path.AppendVariantSelection(name, variant)
                 if not variant or not layer.GetObjectAtPath(at):
