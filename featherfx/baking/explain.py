@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ from featherfx.api import Folders, read_shot
 from featherfx.errors import InputError, Problem
 from featherfx.shot.loop.cut_stage import CutStage
 from featherfx.shot.loop.run import ShotRun
-from featherfx.shot.motion.joint_tracks import find_tracks
+from featherfx.shot.motion.joint_tracks import find_tracks, rate_lines
 from featherfx.shot.options.options import ShotOptions
 from featherfx.shot.types import Shot
 
@@ -66,10 +65,7 @@ def explained_options(shot: Shot, options: ShotOptions) -> Explained:
 def explained_lines(found: Explained, rates: JointRates) -> Iterator[str]:
     """Yield explained options for people: a line for feathers with the same ones, or of a single
     feather a line for each option; and a line for each joint that moves."""
-    for joint, each in rates.items():
-        if each["speed"] or each["turn"]:
-            rate = f"at most {each['speed']:.3g} m/s, {math.degrees(each['turn']):.3g} deg/s"
-            yield f"joint {joint or 'of the groom'}: {rate}, {each['acceleration']:.3g} m/s2"
+    yield from rate_lines(rates)
     if len(found) == 1:
         ((name, options),) = found.items()
         yield name

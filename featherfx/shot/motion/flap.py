@@ -40,7 +40,7 @@ _FOLDING = ("elbow", "wrist")
 _HINGE_LEAN = math.radians(20.0)
 _RAMP = 0.25  # of a beat
 # What mirroring at the plane of symmetry (y -> -y) does to the entries of a rotation matrix.
-_MIRROR = np.outer((1.0, -1.0, 1.0), (1.0, -1.0, 1.0))
+MIRROR = np.outer((1.0, -1.0, 1.0), (1.0, -1.0, 1.0))
 
 
 def _caught_up(beats: float, ramp: float) -> float:
@@ -116,7 +116,7 @@ def flapping(motion: Motion, shot: Shot, _skeleton: Skeleton) -> PosesOverTime:
 
     def poses(time: float) -> JointPoses:
         picked, phase = flap.left(time)[roles], flap.phase(time)
-        rotations = np.where(right, picked * _MIRROR, picked)
+        rotations = np.where(right, picked * MIRROR, picked)
         rotations[own] = np.eye(3)
         bends = np.zeros(len(roles))
         bends[own] = [flap.fold(role, phase) / whole for _, role, whole in hinged]

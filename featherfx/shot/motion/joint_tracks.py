@@ -21,13 +21,13 @@ from scipy.spatial.transform import Rotation
 from featherfx.algebra.rotation import frames_to_quats, rotation_vectors
 from featherfx.algebra.types import Array
 from featherfx.groom.types import Joint
+from featherfx.shot.motion.flap import MIRROR
 from featherfx.shot.motion.joints import Skeleton, joint_roots, skeleton_of
 from featherfx.shot.motion.motion import joint_poses
 from featherfx.shot.types import Shot
 
 _PER_FRAME = 8  # samples, by which rates are found
 _SIDES = {1: "left", -1: "right"}
-_MIRROR = np.outer((1.0, -1.0, 1.0), (1.0, -1.0, 1.0))  # of a rotation matrix at y = 0
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ def _wing(
     """Angles of a wing. joints: numbers by role. own: (T, J, 3, 3) turns against parents. folds:
     (T, J) turns about hinges, of whole ones. reach: (T, F, 3) m, from the shoulder to tips."""
     shoulder = own[:, joints["shoulder"]]
-    angles = Rotation.from_matrix(shoulder if side > 0 else shoulder * _MIRROR).as_euler("XZY")
+    angles = Rotation.from_matrix(shoulder if side > 0 else shoulder * MIRROR).as_euler("XZY")
     elevation, sweep, twist = np.unwrap(angles, axis=0).T
 
     def bend(role: str) -> Array:
@@ -168,6 +168,14 @@ def _downstroke(elevation: Array) -> float | None:
     if len(tops) < 2:
         return None
     return float(np.mean(np.diff(elevation[tops[0] : tops[-1] + 1]) < 0.0))
+
+
+def rate_lines(rates: dict[str, dict[str, float]]) -> Iterator[str]:
+    """Yield a line for each joint that moves, of its largest rates."""
+    for joint, each in rates.items():
+        if each["speed"] or each["turn"]:
+            rate = f"at most {each['speed']:.3g} m/s, {np.degrees(each['turn']):.3g} deg/s"
+            yield f"joint {joint or 'of the groom'}: {rate}, {each['acceleration']:.3g} m/s2"
 
 
 def frame_rows(shot: Shot, tracks: JointTracks) -> Iterator[dict[str, Any]]:
