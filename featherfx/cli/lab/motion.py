@@ -32,7 +32,7 @@ def motion(shot: Path, preset_folders: tuple[Path, ...], as_json: bool) -> None:
     falls.
     """
     from featherfx.api import read_shot
-    from featherfx.shot.motion.joint_tracks import find_tracks, frame_rows
+    from featherfx.shot.motion.joint_tracks import find_tracks, frame_rows, rate_lines
 
     read = read_shot(shot, preset_folders)
     tracks = find_tracks(read)
@@ -47,12 +47,8 @@ def motion(shot: Path, preset_folders: tuple[Path, ...], as_json: bool) -> None:
     for side, share in strokes.items():
         told = "makes no whole beat" if share is None else f"falls for {share:.0%} of a beat"
         click.echo(f"{side} wing {told}")
-    for name, rates in tracks.largest_rates().items():
-        if rates["speed"] or rates["turn"]:
-            turn = degrees(rates["turn"])
-            click.echo(
-                f"joint {name or 'of the groom'}: {rates['speed']:.3g} m/s, {turn:.3g} deg/s"
-            )
+    for line in rate_lines(tracks.largest_rates()):
+        click.echo(line)
 
 
 def _angles(wing: dict[str, Any]) -> str:
