@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import tomllib
 import warnings
 from collections import Counter
@@ -21,6 +20,7 @@ from featherfx.baking.trial import (
     MAX_TRIAL_SECONDS,
     expected,
     has_time_for,
+    require_time,
     resolve_in_time,
     sum_unknowns,
     time_of,
@@ -29,6 +29,7 @@ from featherfx.errors import InputWarning, all_of
 from featherfx.feather.build import distinct_shapes
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.groom.types import Groom
+from featherfx.jit.compile_progress import PROGRESS, working_time
 from featherfx.phases import account
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.types import LEVELS, Quality, Shot
@@ -39,6 +40,8 @@ from featherfx.usd.write.poses import make_posed_feathers
 
 # over the time that building the drawn feathers takes, what comes after the trials
 _AFTER_TRIALS = 0.5
+# over the time that reading takes, what drawing and resolving take at least
+_RESOLVING = 0.5
 
 
 def stats(
@@ -53,12 +56,12 @@ def stats(
 
     source: a file, or a shot or groom in memory. quality: preset instead of the shot's; for a
     groom, that its meshes are counted at (default final). jobs: threads of the bake. Its cost is
-    measured by bakes of a part of the shot, which
-    take about budget seconds of CPU time with reading, at most a minute for None. SI units, bytes.
+    measured by bakes of a part of the shot, which take about budget seconds of CPU time with
+    reading, without compiling, at most a minute for None. SI units, bytes.
     Raises InputError, and SimulationError where one of these feathers cannot be simulated.
     """
     folders = tuple(preset_folders)
-    until = time.process_time() + (MAX_TRIAL_SECONDS if budget is None else budget)
+    until = working_time() + (MAX_TRIAL_SECONDS if budget is None else budget)
     if isinstance(source, Groom):
         return _of_groom(source, read_quality(quality or "final", folders))
     if not isinstance(source, Shot) and not _is_shot(Path(source)):
@@ -143,11 +146,12 @@ def bake_cost(
     the time is what bakes of a part of it (trial.py) tell of all. until, budget: of these. Memory
     is that of the process so far and of what the bake adds; an estimate.
     """
-    begin = time.process_time()
+    require_time(_RESOLVING * read[1], until)
+    begin = working_time()
     drawn = drawn_feathers(shot)
     # what comes after the trials takes a part of that
-    until -= _AFTER_TRIALS * (time.process_time() - begin)
-    resolved = resolve_in_time(shot, drawn, begin, until)
+    until -= _AFTER_TRIALS * (working_time() - begin)
+    resolved = resolve_in_time(shot, drawn, until)
     options = resolved.options.feathers
     levels = Counter(each.level for each in options)
     frames = shot.last_frame - shot.first_frame + 1 + 2 * shot.handles
@@ -171,6 +175,7 @@ def bake_cost(
         "tried_feathers": learnt.trial.feathers,
         "tried_frames": learnt.trial.frames,
         "trial_seconds": learnt.seconds,
+        "compiling_seconds": PROGRESS.cpu_seconds(),
         "levels": {name: float(levels[name]) for name in LEVELS if levels[name]},
         "unknowns": round(sum_unknowns(options)),
         "seconds_of_a_feather_and_frame": phases["simulating"] * jobs / max(frames - 1, 1) / total,

@@ -22,6 +22,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,6 +40,7 @@ from featherfx.baking.trial_feathers import (
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.feather.types import Feather
 from featherfx.files.memory import give_back_memory
+from featherfx.jit.compile_progress import working_time
 from featherfx.phases import Account, phase
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import simulate
@@ -59,10 +61,10 @@ _FEW, _MORE, _FRAMES = 12, 96, 6
 _OF_COURSE, _COURSE_RATIO = 0.25, 2.0
 # of a budget, how far beyond it the first trial may go
 _FIRST_TRIAL_RATIO = 0.25
-# over the time that resolving takes, what must be left where the whole is built
-_BUILDING_RATIO = 20.0
-# of the time left, what may go into measuring grids, and into building the whole; cost of other
-# grids over those that the measuring begins with
+# of the time left, what may go into building the whole
+_BUILDING_RATIO = 0.3
+# of the time left, what may go into measuring grids; cost of other grids over those that the
+# measuring begins with
 _MEASURING_RATIO, _OTHER_GRIDS = 0.3, (0.5, 4.0)
 # share of a bake's processor time that a trial may take where TRIAL_SECONDS are less, up to s of it
 _OF_BAKE, MAX_TRIAL_SECONDS = 1.0 / 6.0, 60.0
@@ -114,10 +116,13 @@ class ExpectedCost:
 
 
 class OutOfTimeError(InputError):
-    """The time for trials ended before one of them told anything."""
+    """The time for trials ended before two frames of the first."""
 
     def __init__(self) -> None:
-        text = "is over before two frames of a few feathers were simulated. Give more"
+        text = (
+            f"is over before two frames of a few feathers were simulated, at {working_time():.3g} s."
+            " Give more, or start again with what is now cached"
+        )
         super().__init__(Problem("stats", "--seconds", text))
 
 
@@ -126,21 +131,15 @@ def expected(
 ) -> ExpectedCost:
     """Estimate the time of the phases of a bake of a shot on this machine as it is now.
 
-    until: s of CPU time of this process when the last trial ends. budget: s of CPU time after
-    which no other trial begins; None: TRIAL_SECONDS, or a share of the bake's. Raises
-    SimulationError where one of the feathers that are tried cannot be simulated, OutOfTimeError
-    where there is no time for any.
+    until: working_time when the last trial ends. budget: s of it after which no other trial begins;
+    None: TRIAL_SECONDS, or a share of the bake's. Raises SimulationError where one of the feathers
+    that are tried cannot be simulated, OutOfTimeError where there is no time for any.
     """
     begin, shot = time.perf_counter(), resolved.shot
     # the solver takes its time to load, here as in a bake
     once = {"starting": time_of(lambda: import_module("featherfx.baking.frame_loop"))}
     held = resident_bytes(release=True)
-    # else it goes with the feathers of a trial, which are built by themselves
-    if has_time_for(_BUILDING_RATIO * resolved.seconds, until):
-        with phase("building"):
-            once["building"] = time_of(lambda: simulate(shot, jobs))
-            if has_time_for(_BUILDING_RATIO * once["building"][1], until):
-                once["building"] = time_of(lambda: simulate(shot, jobs))
+    once |= _build_whole(shot, jobs, until)
     work = sum_unknowns(resolved.options.feathers)
     trials, course = _tried(shot, work, jobs, until, budget)
     fixed = float(sum(seconds[1] for seconds in once.values()))
@@ -161,36 +160,51 @@ def expected(
     )
 
 
-@dataclass(frozen=True)
-class TimedOptions:
-    """Options of the feathers of a shot, which then measures no grids. seconds: of CPU time that
-    building the drawn feathers and this took."""
+def _build_whole(shot: Shot, jobs: int, until: float) -> dict[str, Array]:
+    """(2,) s of building the whole; empty where a part of the time left does not suffice. Building
+    then goes with the feathers of a trial, which are built by themselves."""
+    end = working_time() + _BUILDING_RATIO * (until - working_time())
+    with phase("building"), Account(lambda _: require_time(0.0, end)):
+        try:
+            seconds = time_of(lambda: simulate(shot, jobs))
+            if has_time_for(seconds[1], end):
+                seconds = time_of(lambda: simulate(shot, jobs))
+        except OutOfTimeError:
+            return {}
+    return {"building": seconds}
+
+
+class TimedOptions(NamedTuple):
+    """A shot that measures no grids any more, and the options of its feathers."""
 
     shot: Shot
     options: ShotOptions
-    seconds: float
 
 
-def resolve_in_time(
-    shot: Shot, drawn: Sequence[Feather], begin: float, until: float
-) -> TimedOptions:
+def resolve_in_time(shot: Shot, drawn: Sequence[Feather], until: float) -> TimedOptions:
     """Resolve the options of a shot.
 
-    begin, until: s of CPU time of this process. A part of what is left may go into measuring grids,
-    else those that the measuring begins with are taken.
+    until: working_time, s. A part of what is left may go into measuring grids, else those that the
+    measuring begins with are taken.
     """
-    now = time.process_time()
+    now = working_time()
     end = now + _MEASURING_RATIO * max(until - now, 0.0)
     options = resolve_options(shot, drawn, root_motion(shot), end)
     if options.measured:
         names = [each.id for each in shot.groom.feathers]
         shot = replace(shot, grids=dict(zip(names, options.measured, strict=True)))
-    return TimedOptions(shot, options, time.process_time() - begin)
+    return TimedOptions(shot, options)
 
 
 def has_time_for(seconds: float, until: float) -> bool:
     """Return whether so many s of CPU time are left until then."""
-    return time.process_time() + seconds < until
+    return working_time() + seconds < until
+
+
+def require_time(seconds: float, until: float) -> None:
+    """Raise OutOfTimeError where less than so many s of CPU time are left until then."""
+    if not has_time_for(seconds, until):
+        raise OutOfTimeError
 
 
 def _range(
@@ -247,10 +261,10 @@ def _whole(
 
 
 def time_of(work: Callable[[], object]) -> Array:
-    """(2,) s that some work takes, on the clock and of the processors."""
-    begin = np.array([time.perf_counter(), time.process_time()])
+    """(2,) s that some work takes, on the clock and of the processors without compiling."""
+    begin = np.array([time.perf_counter(), working_time()])
     work()
-    return np.array([time.perf_counter(), time.process_time()]) - begin
+    return np.array([time.perf_counter(), working_time()]) - begin
 
 
 def _tried(
@@ -259,8 +273,9 @@ def _tried(
     """Return the trials that the time suffices for, and the course of all frames, None where they
     tried them all. until, budget: as of expected."""
     total, frames = len(shot.groom.feathers), shot.last_frame - shot.first_frame + 1
-    few, begin = (min(total, _FEW), min(frames, _FRAMES)), time.process_time()
+    few, begin = (min(total, _FEW), min(frames, _FRAMES)), working_time()
     most = TRIAL_SECONDS if budget is None else budget
+    require_time(0.0, until)
     with phase("measuring") as done:
         # without it nothing is known
         first = _trial(shot, *few, jobs, until + _FIRST_TRIAL_RATIO * (budget or 0.0))
@@ -274,15 +289,15 @@ def _tried(
         course = None
         cost = trials[1].cost * MAX_COURSE / few[0]
         if frames > _FRAMES and has_time_for(_COURSE_RATIO * cost, until):
-            end = min(time.process_time() + _OF_COURSE * most, until)
+            end = min(working_time() + _OF_COURSE * most, until)
             course = _course(shot, jobs, end, until)
         done(3)
         while trials[-1].feathers < total:
-            left = most - (time.process_time() - begin)
+            left = most - (working_time() - begin)
             if budget is None:
                 cost = float(sum(_whole(shot, work, trials, course).values(), np.zeros(2))[1])
                 left = max(left, min(_OF_BAKE * cost, MAX_TRIAL_SECONDS))
-            left = min(left, until - time.process_time())
+            left = min(left, until - working_time())
             count = _larger(trials, left, total)
             larger = None if count is None else _trial(shot, count, few[1], jobs, until)
             if larger is None:
@@ -330,8 +345,7 @@ def _trial(shot: Shot, count: int, frames: int, jobs: int, until: float) -> Tria
     def mark(*_: object) -> None:
         look()
         marks.append(_spent(timed, _LOOP))
-        if not has_time_for(0.0, until):
-            raise OutOfTimeError
+        require_time(0.0, until)
 
     with tempfile.TemporaryDirectory(prefix="featherfx-") as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
@@ -445,7 +459,7 @@ def _course(shot: Shot, jobs: int, end: float, until: float) -> TrialCourse | No
         for _ in simulation.frames(lambda sample: False):
             reports = simulation.counted().reports
             iterations.append(sum(float(r.iterations.sum()) for r in reports))
-            marks.append(time.process_time())
+            marks.append(working_time())
             if marks[-1] > (end if len(marks) > _FRAMES else until):
                 break
     if len(marks) < 3:

@@ -41,8 +41,8 @@ from featherfx.errors import as_figure
     "--seconds",
     "budget",
     type=click.FloatRange(0.1, 3600.0),
-    help="Processor time for reading and for trying a part of the shot, from which the rest is"
-    f" predicted; more is surer.  [default: {TRIAL_SECONDS:g}, or a sixth of the bake's, up to a"
+    help="CPU time for reading and for trying a part of the shot, without compiling, from which the"
+    f" rest is predicted; more is surer.  [default: {TRIAL_SECONDS:g}, or a sixth of the bake's, up to a"
     " minute]",
 )
 @progress_option
@@ -112,7 +112,8 @@ def _bake_lines(bake: dict[str, Any]) -> list[str]:
     lines.append(
         f"  about {as_figure(bake['wall_seconds'])} s ({as_figure(bake['low']['wall_seconds'])} to"
         f" {as_figure(bake['high']['wall_seconds'])}) with {bake['jobs']} jobs ({parts};"
-        f" learnt in {as_figure(bake['trial_seconds'])} s)"
+        f" learnt in {as_figure(bake['trial_seconds'])} s,"
+        f" {as_figure(bake['compiling_seconds'])} s of them compiling)"
     )
     lines.append(
         f"  about {as_figure(bake['processor_seconds'])} s"

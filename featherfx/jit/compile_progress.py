@@ -61,6 +61,7 @@ class CompileProgress:
         self._lock = threading.RLock()
         self._phases: list[tuple[Account, Any]] = []
         self._depth, self._since, self._spent = 0, 0.0, 0.0
+        self._cpu_since, self._cpu_spent = 0.0, 0.0
         # expected seconds of what is to be and what has been compiled
         self._to_come: dict[str, float] = {}
         self._done: dict[str, float] = {}
@@ -71,7 +72,7 @@ class CompileProgress:
         with self._lock:
             self._depth += 1
             if self._depth == 1:
-                self._since = time.perf_counter()
+                self._since, self._cpu_since = time.perf_counter(), time.process_time()
                 self._expect(name, *_find_missing(self.works or _find_works(name)))
                 done, left = len(self._done), self._predict()
                 total = done + len(self._to_come)
@@ -86,8 +87,16 @@ class CompileProgress:
                 now = time.perf_counter()
                 self._spent, self._since = self._spent + now - self._since, now
                 self.note_compiled(name)
-                for account, own in self._phases if self._depth == 0 else ():
-                    account.close(own, complete=not self._to_come)
+                if self._depth == 0:
+                    self._cpu_spent += time.process_time() - self._cpu_since
+                    for account, own in self._phases:
+                        account.close(own, complete=not self._to_come)
+
+    def cpu_seconds(self) -> float:
+        """CPU seconds of this process while it compiled."""
+        with self._lock:
+            current = time.process_time() - self._cpu_since if self._depth else 0.0
+            return self._cpu_spent + current
 
     def request(self, name: str) -> None:
         """Expect a kernel that was found missing."""
@@ -117,3 +126,8 @@ class CompileProgress:
 
 
 PROGRESS = CompileProgress()
+
+
+def working_time() -> float:
+    """CPU seconds of this process apart from those in which it compiled."""
+    return time.process_time() - PROGRESS.cpu_seconds()

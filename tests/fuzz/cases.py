@@ -40,14 +40,16 @@ class Kind:
 
     prepare: makes sound inputs in a folder. damage: changes the copies of one case in the folder
     that it is given, and says how and which commands to run there. modules: imported once. judge:
-    given the folder and what a command said that is done; names what must not be. seconds: of
-    processor time of a case.
+    given the folder and what a command said that is done; names what must not be. warm: loads
+    kernels for all cases, in an empty folder and without a thread. seconds: of processor time of a
+    case.
     """
 
     prepare: Callable[[Path], None]
     damage: Callable[[np.random.Generator, int, Path], tuple[str, Sequence[Command]]]
     modules: tuple[str, ...] = ()
     judge: Callable[[Path, str], str] = lambda folder, said: ""
+    warm: Callable[[Path], None] = lambda folder: None
     seconds: int = SECONDS
 
 
@@ -91,6 +93,7 @@ def run(kind: Kind, cases: Sequence[int], seed: int, keep: Path | None = None) -
         child(whole / "log", lambda _: kind.prepare(sound))
         if (whole / "log").read_text():
             raise RuntimeError((whole / "log").read_text())
+        kind.warm(whole)
         for number in cases:
             result = nothing()
             folder = whole / f"case{number}"

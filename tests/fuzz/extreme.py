@@ -10,12 +10,17 @@ from __future__ import annotations
 import json
 import math
 import re
+import shutil
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from random import Random
 from typing import Any
 
 import numpy as np
+
+from featherfx.api import read_shot
+from featherfx.shot.loop.simulate import simulate
 
 from .cases import Command, Kind
 
@@ -24,6 +29,7 @@ KINDS = {"covert": 0.05, "down": 0.02, "swan_primary": 0.35, "tail_feather": 0.1
 RATES = (1, 12, 24, 25, 60, 240, 1000)
 FRAMES = 24
 SIZE = 10.0  # of a scene, in lengths of its feathers
+WARM_SEEDS = 5, 9, 27, 38, 43  # of scenes in air, in water and in contact
 MAX_STRETCH = 0.0101  # of the length of a rachis, beyond which a word is due
 BALL = """#usda 1.0
 ( metersPerUnit = 1
@@ -52,6 +58,19 @@ def damage(random: np.random.Generator, number: int, folder: Path) -> tuple[str,
     bake = ("bake", "shot.toml", "-o", "o.usdc", "--report", "o.json", "--jobs", "1")
     bake += ("--presets", "presets")
     return "extreme", [Command(bake, ("o.usdc", "o.json"))]
+
+
+def load_kernels(folder: Path) -> None:
+    """Simulate three frames of scenes without a collider, whose stage would start threads."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for seed in WARM_SEEDS:
+            scene = folder / f"warm{seed}"
+            scene.mkdir()
+            write_scene(Random(seed), scene)
+            shot = read_shot(scene / "shot.toml", [scene / "presets"])
+            list(simulate(shot, 1, (1, 3)))
+            shutil.rmtree(scene)
 
 
 def judge_cache(folder: Path, said: str) -> str:
@@ -190,7 +209,15 @@ def write_motion(chance: Random, length: float, seconds: float) -> list[str]:
 KIND = Kind(
     lambda _: None,
     damage,
-    ("featherfx.baking.pipeline", "featherfx.cli.bake", "featherfx.shot.read.read"),
+    (
+        "featherfx.baking.bake",
+        "featherfx.baking.frame_loop",
+        "featherfx.cli.bake",
+        "featherfx.usd.check.judge",
+        "featherfx.usd.write.cache_writer",
+        "pxr.UsdGeom",
+    ),
     judge_cache,
+    load_kernels,
     seconds=120,
 )

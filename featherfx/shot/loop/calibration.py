@@ -29,7 +29,6 @@ import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
-from time import process_time
 from typing import NamedTuple
 
 import numpy as np
@@ -41,6 +40,7 @@ from featherfx.feather.types import Feather, RowPoints
 from featherfx.files.content import digest
 from featherfx.files.disk_cache import keep, kept, kept_before, nothing_kept
 from featherfx.groom.keys.preset import Quality
+from featherfx.jit.compile_progress import working_time
 from featherfx.shot.fingerprint import shot_settings
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
@@ -306,7 +306,7 @@ class _Search:
             members = [k for k in left if not self._flutters(k)]
             if not members:
                 continue
-            if process_time() > until:
+            if working_time() > until:
                 return False
             for k, run in zip(members, self._simulated(level, window, members), strict=True):
                 self._runs[k][level, window] = run

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from featherfx.groom.types import FeatherKind
 from featherfx.jit.compiled import KernelModule
 from featherfx.mechanics.model import Loads, Model, no_loads
+from featherfx.phases import counted
 from featherfx.solver.scratch import SolverScratch, make_scratch
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.types import STABILISING_STIFFNESS, IntegratorFactors, panel_shape
@@ -135,7 +136,7 @@ def with_damping(model: Model, kinds: list[FeatherKind]) -> Model:
     """
     retardation = np.zeros((model.feathers, 2))
     known: dict[bytes, float] = {}
-    for f, kind in enumerate(kinds):
+    for f, kind in enumerate(counted("building", kinds, len(kinds))):
         loss = (kind.rachis_material.loss_factor, kind.vane_material.loss_factor)
         if max(loss) == 0.0:
             continue
