@@ -120,8 +120,8 @@ class OutOfTimeError(InputError):
 
     def __init__(self) -> None:
         text = (
-            f"is over before two frames of a few feathers were simulated, at {working_time():.3g} s."
-            " Give more, or start again with what is now cached"
+            "is over before two frames of a few feathers were simulated, at"
+            f" {working_time():.3g} s. Give more, or start again with what is now cached"
         )
         super().__init__(Problem("stats", "--seconds", text))
 

@@ -42,8 +42,8 @@ from featherfx.errors import as_figure
     "budget",
     type=click.FloatRange(0.1, 3600.0),
     help="CPU time for reading and for trying a part of the shot, without compiling, from which the"
-    f" rest is predicted; more is surer.  [default: {TRIAL_SECONDS:g}, or a sixth of the bake's, up to a"
-    " minute]",
+    f" rest is predicted; more is surer.  [default: {TRIAL_SECONDS:g}, or a sixth of the bake's, up"
+    " to a minute]",
 )
 @progress_option
 def stats(
