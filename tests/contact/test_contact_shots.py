@@ -169,6 +169,18 @@ def test_a_lean_counts_where_nothing_between_tells_and_tells_of_others():
     assert _through_others(pairs, order, alike, lean).tolist() == [1, 1, 1, -1, -1]
 
 
+def test_a_chain_of_feathers_that_are_not_between_two_tells_nothing_of_them():
+    """0 over 1 over 2 over 3, as around a body: 1 is not near 3, nor 2 near 0."""
+    pairs = np.array([[0, 1], [1, 2], [2, 3], [0, 3]])
+    order, alike = np.array([1, 1, 1, 0]), np.ones(4, dtype=np.int64)
+    nothing = np.zeros(4, dtype=np.int64)
+    assert _through_others(pairs, order, alike, nothing).tolist() == [1, 1, 1, 0]
+    # 1 is between where it is paired with 3, and 2 is beneath it
+    pairs, order = np.append(pairs, [[1, 3]], axis=0), np.append(order, 1)
+    alike, nothing = np.ones(5, dtype=np.int64), np.zeros(5, dtype=np.int64)
+    assert _through_others(pairs, order, alike, nothing).tolist() == [1, 1, 1, 1, 1]
+
+
 @pytest.mark.parametrize("upwards", [-1, 1])
 def test_the_order_of_a_layout_holds_where_there_is_one(upwards):
     """Even against the poses: ranks that fall along the row are what they show, rising ones not."""

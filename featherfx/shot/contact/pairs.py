@@ -2,11 +2,11 @@
 
 At rest the groom's layers tell the order: where one feather's nodes lie over another's vane, their
 sides are counted, and the clear majority holds for the shot. Where both feathers have leaves in a
-coat, their stacking values tell the order instead. What does not overlap at rest gets its
-order through feathers between (over the one that is over the other). Where two cut through each
-other, about half of each on either side, the larger half tells, unless that would close a ring:
-without an order each node would stay on its side, and the two crossed. Feathers that are
-far from each other at rest and come near later have no order: each stays on its side. Two that
+coat, their stacking values tell the order instead. What does not overlap at rest gets its order
+through feathers between, paired with both (over the one that is over the other). Where two cut
+through each other, about half of each on either side, the larger half tells, unless that would
+close a ring: without an order each node would stay on its side, and the two crossed. Feathers that
+are far from each other at rest and come near later have no order: each stays on its side. Two that
 grow back to back, as on both sides of a wing, each belong under the other, whatever their poses
 say; where these are through each other, `raised` says how far to turn them up before they settle.
 
@@ -274,25 +274,29 @@ def _agree(first: Array, second: Array) -> Indices:
 
 def _through_others(pairs: Indices, order: Indices, agree: Indices, lean: Indices) -> Indices:
     """Orders of pairs that have none, by the feathers between where all are oriented alike. lean:
-    (P,) how pairs lie of which these tell nothing; 0: they have no order then."""
+    (P,) how pairs lie of which these tell nothing; 0: they have no order then.
+
+    A feather is between two if it is paired with both: around a body, chains of others close.
+    """
     over: dict[int, set[int]] = {}
-    for pair, side, same in zip(pairs.tolist(), order.tolist(), agree.tolist(), strict=True):
+    paired: dict[int, set[int]] = {}
+    for (guest, host), side, same in zip(
+        pairs.tolist(), order.tolist(), agree.tolist(), strict=True
+    ):
+        paired.setdefault(guest, set()).add(host)
+        paired.setdefault(host, set()).add(guest)
         if side and same > 0:
-            _add(over, pair, side)
+            _add(over, (guest, host), side)
     found = order.copy()
-    for k in np.flatnonzero((order == 0) & (lean != 0)):
+    leaning = np.flatnonzero((order == 0) & (lean != 0))
+    for k in [*leaning, *np.flatnonzero((order == 0) & (lean == 0) & (agree > 0))]:
         guest, host = pair = pairs[k].tolist()
-        found[k] = lean[k]
+        side, between = 0, paired[guest] & paired[host]
         if agree[k] > 0:
-            down, up = host in _reachable(guest, over), guest in _reachable(host, over)
-            found[k] = int(down) - int(up) if down or up else lean[k]
-            if found[k]:
-                _add(over, pair, found[k])
-    below = {upper: _reachable(upper, over) for upper in over}
-    for k in np.flatnonzero((found == 0) & (agree > 0)):
-        guest, host = pairs[k].tolist()
-        down, up = host in below.get(guest, ()), guest in below.get(host, ())
-        found[k] = int(down) - int(up)
+            side = _lies_over(guest, host, between, over) - _lies_over(host, guest, between, over)
+        found[k] = side or lean[k]
+        if lean[k] and agree[k] > 0:
+            _add(over, pair, found[k])
     return found
 
 
@@ -302,13 +306,16 @@ def _add(over: dict[int, set[int]], pair: Sequence[int], side: int) -> None:
     over.setdefault(upper, set()).add(lower)
 
 
-def _reachable(start: int, over: dict[int, set[int]], steps: int = 8) -> set[int]:
-    found: set[int] = set()
-    edge = {start}
-    for _ in range(steps):
-        edge = {lower for upper in edge for lower in over.get(upper, ())} - found
-        found |= edge
-    return found
+def _lies_over(upper: int, lower: int, between: set[int], over: dict[int, set[int]]) -> bool:
+    """Return whether a feather lies over another, directly or by some between."""
+    left, edge = between - {upper}, [upper]
+    while edge:
+        beneath = over.get(edge.pop(), set())
+        if lower in beneath:
+            return True
+        edge += beneath & left
+        left -= beneath
+    return False
 
 
 def meeting(low: Array, high: Array) -> Indices:
