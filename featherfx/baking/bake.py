@@ -18,10 +18,12 @@ from featherfx.files.gc_pause import seldom_collected
 from featherfx.phases import Account, account, phase
 from featherfx.provenance import StageRead, list_entries, listen_to_reads
 from featherfx.shot.clock import StageClock
+from featherfx.shot.loop.models import compile_ahead
 from featherfx.shot.types import Shot
 
 # frames that depths in the skin are measured in, of the hundredths of a bake that judging may take
 _MAX_SKIN_FRAMES = 24
+
 _NONE = {"mean": 0.0, "max": 0.0}
 # phases in the seconds of a report; setting_up is all the rest
 _PHASES = {
@@ -81,6 +83,7 @@ def _bake(
     reads: list[StageRead] = [] if document is None else [*document.reads]
     try:
         with seldom_collected(), listen_to_reads(reads.append):
+            compile_ahead()
             task = open_task(shot, output, options)
     except KeyboardInterrupt as error:
         during = timed.failed or "checking what is to be done"

@@ -97,23 +97,24 @@ def _write_frames(
     done: int,
     notify: Callable[[int, int], None],
 ) -> Background:
-    """Go through a simulation and write the samples that are not done; return what wrote them."""
+    """Go through a simulation, and draw and write the samples that are not done beside it; return
+    what wrote them."""
     samples = task.samples
     writing = Background(sink.write, 1)  # frames of a plumage are large
 
     eta = FrameEta(samples - done, samples - done)
     with writing:
         frames = (
-            simulation.frames(lambda sample: sink.writer.ends_chunk(sample))
+            simulation.samples(lambda sample: sink.writer.ends_chunk(sample))
             if done < samples
             else ()
         )
         with phase("simulating", silent=True) as progress:
-            for frame, checkpoint in frames:
+            for draw, checkpoint in frames:
                 with phase("writing" if writing.is_waited_for else "simulating", silent=True):
                     writing.wait()  # so that no other waits meanwhile
-                writing(frame, checkpoint)
-                del frame, checkpoint  # large
+                writing(draw, checkpoint)
+                del draw, checkpoint  # large
                 eta.simulated += 1
                 eta.finished = eta.simulated - 1
                 progress(eta.simulated, eta.left(writing))
@@ -180,9 +181,9 @@ class CacheSink:
         assert self._compared is not None
         self.writer.tell(self._compared.result())
 
-    def write(self, frame: Frame, checkpoint: Checkpoint | None) -> None:
-        """Write the next sample, and at the end of a chunk the checkpoint."""
-        shot = self._task.shot
+    def write(self, draw: Callable[[], Frame], checkpoint: Checkpoint | None) -> None:
+        """Draw and write the next sample, and at the end of a chunk the checkpoint."""
+        frame, shot = draw(), self._task.shot
         ratio = (shot.time_codes_per_second or shot.frames_per_second) / shot.frames_per_second
         if ratio != 1.0:
             frame = frame.in_seconds_of(ratio)

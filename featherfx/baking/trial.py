@@ -456,7 +456,8 @@ def _course(shot: Shot, jobs: int, end: float, until: float) -> TrialCourse | No
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
         simulation = simulate(part, jobs)
-        for _ in simulation.frames(lambda sample: False):
+        for draw, _ in simulation.samples(lambda sample: False):
+            draw()
             reports = simulation.counted().reports
             iterations.append(sum(float(r.iterations.sum()) for r in reports))
             marks.append(working_time())

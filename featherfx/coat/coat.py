@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -32,6 +31,7 @@ from featherfx.coat.leaf_kernels import (
 )
 from featherfx.coat.ties import find_gaps, find_overlaps, fit_ties
 from featherfx.errors import count_feathers
+from featherfx.files.background import count_cores
 
 # agreement of headings below which the flow counts as singular
 _MIN_STRENGTH = 0.3
@@ -177,17 +177,19 @@ def draw(
     )
     arrays, roots = coat.arrays(carrier), coat.roots(carrier)
 
-    share_out(
-        lambda low, high: draw_feathers(arrays, roots, forms, chosen, drawn, low, high), count
-    )
+    with ThreadPoolExecutor(count_cores()) as pool:
+        share_out(
+            lambda low, high: draw_feathers(arrays, roots, forms, chosen, drawn, low, high),
+            count,
+            pool,
+        )
     return drawn
 
 
-def share_out(draw_some: Callable[[int, int], None], count: int) -> None:
-    """Draw feathers 0 to count - 1, some at a time, on all threads."""
+def share_out(draw_some: Callable[[int, int], None], count: int, pool: ThreadPoolExecutor) -> None:
+    """Draw feathers 0 to count - 1, some at a time, on the threads of a pool."""
     starts = range(0, count, _FEATHERS_AT_ONCE)
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        list(pool.map(lambda low: draw_some(low, min(low + _FEATHERS_AT_ONCE, count)), starts))
+    list(pool.map(lambda low: draw_some(low, min(low + _FEATHERS_AT_ONCE, count)), starts))
 
 
 def describe_doubts(coat: Coat) -> list[str]:

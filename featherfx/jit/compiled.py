@@ -78,11 +78,11 @@ class KernelEntry:
         return bool(self._by_text)
 
     def compile_ahead(self, *arguments: Any) -> None:
-        """Let a worker compile a shared kernel that will be called with such arguments."""
+        """Let a worker compile it for such arguments, unless that is stored."""
         if not self.is_there(describe_arguments(arguments)):
-            from featherfx.jit.compiler import find_types
+            from featherfx.jit.compiler import request_kernel
 
-            find_kernel(self.name).linked.compile(find_types(arguments))
+            request_kernel(self.name, arguments)
 
     def is_there(self, text: str) -> bool:
         """Return whether there is machine code for types of arguments, loaded or stored."""
@@ -131,8 +131,7 @@ class Kernel(KernelEntry):
         """Compile it for numba's types and store it, unless another thread or process has."""
         from featherfx.jit.compiler import compile_entry, wait_for_worker
 
-        if self.returns is not INLINED:
-            wait_for_worker(self, types)
+        wait_for_worker(self, types)
         with _LOADING:
             if (found := self.find_loaded(text)) is None:
                 code, found = compile_entry(self, types)

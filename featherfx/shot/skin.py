@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -16,9 +17,8 @@ from featherfx.groom.skin.skin import (
     borrow_turns,
     bound_before,
     closest,
-    crushed,
+    find_sound,
     follow,
-    may_be_crushed,
 )
 from featherfx.groom.types import Groom
 from featherfx.shot.clock import StageClock
@@ -50,6 +50,11 @@ class _Part:
     binding: Binding
     triangles: Indices
 
+    @cached_property
+    def rest(self) -> Array:
+        """(U, 3, 3) m, corners of these at rest."""
+        return self.surface.rest[self.triangles]
+
 
 @dataclass(frozen=True)
 class BoundSkin:
@@ -78,9 +83,7 @@ class BoundSkin:
             surface, members = part.surface, part.members
             code = self.clock.code(time)
             corners = surface.corners(code, part.triangles)
-            binding, sound = part.binding, None
-            if may_be_crushed(corners):
-                binding, sound = self._on_collapsed(part, corners, code)
+            binding, sound = self._on_collapsed(part, corners, code)
             moved, carriers = follow(binding, corners, surface.is_mirrored(code))
             if sound is not None and not sound.all():
                 moved, carriers = _with_nearest(part, corners, carriers, sound)
@@ -106,9 +109,8 @@ class BoundSkin:
     def _on_collapsed(self, part: _Part, used: Array, code: float) -> tuple[Binding, Flags | None]:
         """The binding with roots on collapsed triangles left to those around, and (R,) which roots
         have a turn; None: nothing has collapsed. used: (U, 3, 3) m."""
-        rest = part.surface.rest[part.triangles]
-        sound = crushed(used, rest)
-        if (sound == 1.0).all():
+        sound = find_sound(used, part.rest)
+        if sound is None:
             return part.binding, None
         bad = np.flatnonzero(sound[part.binding.own] == 0.0)
         binding, has_turn = borrow_turns(part.binding, sound)
@@ -202,7 +204,7 @@ def _with_nearest(
     the nearest root at rest that has one."""
     binding = part.binding
     weights = np.einsum("fk,fkc->fc", binding.barycentric, corners[binding.own])
-    rest = part.surface.rest[part.triangles][binding.own].mean(axis=1)
+    rest = part.rest[binding.own].mean(axis=1)
     nearest = search_tree(rest[has_turn]).query(rest)[1]
     turns = np.where(has_turn[:, None, None], turns, turns[has_turn][nearest])
     return weights + np.einsum("fij,fj->fi", turns, binding.offset), turns

@@ -106,13 +106,22 @@ def step_settings(settings: Settings, duration: float, length: float = 1.0) -> S
 
 
 def compile_steps(model: Model) -> None:
-    """Have others compile what steps feathers of such a model, unless they were asked before."""
+    """Have others compile what settles and steps feathers of such a model, unless it is loaded."""
     if frame_kernels.advance_feather.is_loaded:
         return
+    from featherfx.solver.types import SettleResult, make_mixing
+
     model = model.only(0)
     state, work = rest_state(model, np.zeros((1, 3)), np.eye(3)[None]), make_scratch(model)
     loads, path, report = expand_wind(no_loads(1), 1), hold_roots(state), make_report(1)
-    settings = step_settings(Settings(), 1.0)
+    settings, feathers = step_settings(Settings(), 1.0), np.arange(1)
+    found, mixing = SettleResult(np.zeros(1), np.zeros(1)), make_mixing(state.points.nodes[0].size)
+    settle_kernels.settle_feathers.compile_ahead(
+        model, loads, feathers, (0.0, 0.0), state, found, mixing, work
+    )
+    frame_kernels.advance_feathers.compile_ahead(
+        model, loads, feathers, path, state, settings, work, report
+    )
     frame_kernels.advance_feather.compile_ahead(
         model, loads, 0, path, state, settings, work, report
     )

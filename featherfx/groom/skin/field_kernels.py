@@ -96,13 +96,37 @@ def has_flat(corners, thinnest):
 
     thinnest: least height of a triangle over its longest side."""
     for u in range(corners.shape[0]):
-        a, b, c = corners[u, 0], corners[u, 1], corners[u, 2]
-        x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-        p, q, r = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-        k, m, n = y * r - z * q, z * p - x * r, x * q - y * p
-        last = (p - x) ** 2 + (q - y) ** 2 + (r - z) ** 2
-        longest = max(x * x + y * y + z * z, p * p + q * q + r * r, last)
+        doubled, longest = _measure(corners[u])
         # a little more than asked for, so that none is missed by round-off
-        if not k * k + m * m + n * n > (1.01 * thinnest * longest) ** 2:
+        if not doubled > 1.01 * thinnest * longest:
             return True
     return False
+
+
+@kernel
+def fill_sound(corners, rest, thinnest, crushed, sound):
+    """Return whether all triangles (U, 3, 3) m have an area as at rest (U, 3, 3). Written: sound
+    (U,), 1 of those, falling smoothly to 0 from a part (crushed) of their area at rest on, and
+    where they are as flat as has_flat says."""
+    all_sound = True
+    for u in range(corners.shape[0]):
+        doubled, longest = _measure(corners[u])
+        then, _ = _measure(rest[u])
+        sound[u] = 0.0
+        if doubled > thinnest * longest:
+            part = min(doubled / (crushed * then), 1.0) if then > 0.0 else 1.0
+            sound[u] = part * part * (3.0 - 2.0 * part)
+        all_sound = all_sound and sound[u] == 1.0
+    return all_sound
+
+
+@kernel
+def _measure(corners):
+    """Twice the area of a triangle (3, 3) m, m^2, and its longest side squared."""
+    a, b, c = corners[0], corners[1], corners[2]
+    x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    p, q, r = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    k, m, n = y * r - z * q, z * p - x * r, x * q - y * p
+    last = (p - x) ** 2 + (q - y) ** 2 + (r - z) ** 2
+    longest = max(x * x + y * y + z * z, p * p + q * q + r * r, last)
+    return sqrt(k * k + m * m + n * n), longest

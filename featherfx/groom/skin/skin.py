@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.algebra.vectors import cross_columns, dots, face_products, triangle_edges
+from featherfx.algebra.vectors import cross_columns, dots, triangle_edges
 from featherfx.files.disk_cache import kept
 from featherfx.groom.skin.field import TurnField, search_tree, size_classes, turn_field
 
@@ -88,14 +88,6 @@ def _square(columns: Array) -> Array:
     return np.asarray(np.einsum("ct,ct->t", columns, columns))
 
 
-def may_be_crushed(corners: Array) -> bool:
-    """Return True if any of triangles (U, 3, 3) is thin: what `crushed` is to be asked about."""
-    # what is only checked does without compiled code
-    from featherfx.groom.skin.field_kernels import has_flat
-
-    return bool(has_flat(corners, _THIN))
-
-
 def bind(
     roots: Array,
     points: Array,
@@ -140,18 +132,21 @@ def bound_before(*how: Any) -> Binding:
     return Binding.of(kept("binding", how, lambda: bind(*how).arrays()))
 
 
-def crushed(corners: Array, rest: Array) -> Array:
-    """(U,) 1 of triangles with an area, falling smoothly to 0 as it vanishes. corners, rest:
-    (U, 3, 3) m."""
-    now, then = (np.linalg.norm(face_products(each), axis=1) for each in (corners, rest))
-    fraction = np.clip(now / (_CRUSHED_RATIO * then), 0.0, 1.0)
-    flat = is_flat(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
-    return np.where(flat, 0.0, fraction * fraction * (3.0 - 2.0 * fraction))
+def find_sound(corners: Array, rest: Array) -> Array | None:
+    """(U,) 1 of triangles with an area, falling smoothly to 0 as it vanishes; None where no
+    triangle is thin, or all have their area. corners, rest: (U, 3, 3) m."""
+    # what is only checked does without compiled code
+    from featherfx.groom.skin import field_kernels as kernels
+
+    sound = np.empty(len(corners))
+    if not kernels.has_flat(corners, _THIN):
+        return None
+    return None if kernels.fill_sound(corners, rest, _THINNEST, _CRUSHED_RATIO, sound) else sound
 
 
 def borrow_turns(binding: Binding, sound: Array) -> tuple[Binding, Flags]:
     """The binding with the turns of roots on collapsed triangles left to those around, and (F,)
-    which roots still have a turn. sound: (U,) as `crushed` gives it."""
+    which roots still have a turn. sound: (U,) as find_sound gives it."""
     field = binding.field
     weights = np.maximum(field.weights, 0.0) * sound[field.places]
     total = np.add.reduceat(weights, field.starts)

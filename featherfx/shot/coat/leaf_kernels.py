@@ -10,11 +10,12 @@ its images in chords of its own lengths. A barb goes along with its row to where
 in pieces of its own lengths. Turns within the vane are about the normals of the rows.
 """
 
-from math import cos, sin, sqrt
+from math import atan2, cos, sin, sqrt
 from typing import NamedTuple
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vector_kernels import add, combined, cross, dot, length, scale, store, sub
+from featherfx.coat.forms import PlaneForms
 from featherfx.coat.leaf_kernels import leaf_point, unit, without
 from featherfx.jit.compiled import kernel
 
@@ -38,24 +39,30 @@ class LeafFeet(NamedTuple):
     pieces: Array
 
 
-class VaneTurns(NamedTuple):
-    """Turns within the vanes of F feathers from rest, rad: of rows (F, n), chords of the rachis
-    (F, n - 1) and pieces of barbs (F, 2, n, m)."""
+class VaneMotion(NamedTuple):
+    """Feathers whose turns within their vanes are drawn, K of them, and K at rest.
 
-    rows: Array
-    chords: Array
-    pieces: Array
+    nodes: (K, n, 1 + 2 m, 3) m. directors: (K, n, 2, 3). first: (K,) rad, turn of the first row.
+    rest: plane forms at rest.
+    """
+
+    nodes: Array
+    directors: Array
+    first: Array
+    rest: PlaneForms
 
 
 class ImageRoom(NamedTuple):
     """Scratch memory. image: (n, 1 + 2 m, 3) m. up: (n, 3) normals at the rachis. rachis: (n, 3) m,
-    in its own lengths. row: (n,) image before each row. part: (n,) how far on to the next it is."""
+    in its own lengths. row: (n,) image before each row. part: (n,) how far on to the next it is.
+    turns: (n, 2) rad, of rows and of the chords of the rachis after them, from rest."""
 
     image: Array
     up: Array
     rachis: Array
     row: Indices
     part: Array
+    turns: Array
 
 
 @kernel
@@ -159,14 +166,34 @@ def _turned(vector, axes, angle):
 
 
 @kernel
-def draw_over(carrier, leaves, turns, made, room, low, high):
-    """Draw feathers low to high - 1 over a carrier. turns: VaneTurns. room: ImageRoom. Written:
+def _angle(way, lateral, dorsal):
+    """Angle of a vector to a row within the vane, towards d2, rad."""
+    return atan2(dot(way, lateral), dot(way, cross(lateral, dorsal)))
+
+
+@kernel
+def _find_turns(motion, f, turns):
+    """Turns of rows and of the chords after them from rest. Written: turns (n, 2) rad."""
+    nodes, directors, rest = motion.nodes[f], motion.directors[f], motion.rest
+    turns[0, 0] = motion.first[f]
+    for i in range(nodes.shape[0] - 1):
+        way = sub(nodes[i + 1, 0], nodes[i, 0])
+        ahead = _angle(way, directors[i, 0], directors[i, 1]) - rest.ahead[f, i]
+        behind = _angle(way, directors[i + 1, 0], directors[i + 1, 1]) - rest.behind[f, i]
+        turns[i, 1] = turns[i, 0] + ahead
+        turns[i + 1, 0] = turns[i, 1] - behind
+
+
+@kernel
+def draw_over(carrier, leaves, motion, made, room, low, high):
+    """Draw feathers low to high - 1 over a carrier. motion: VaneMotion. room: ImageRoom. Written:
     made, nodes (F, n, 1 + 2 m, 3) m and directors (F, n, 2, 3)."""
     nodes, directors = made
     rows, m = nodes.shape[1], leaves.pieces.shape[3]
     for f in range(low, high):
         _draw_images(carrier, leaves, f, room)
         _draw_rachis(leaves.steps[f], room)
+        _find_turns(motion, f, room.turns)
         first = room.rachis[0]
         at = first[0], first[1], first[2]
         for i in range(rows):
@@ -174,17 +201,20 @@ def draw_over(carrier, leaves, turns, made, room, low, high):
             store(nodes[f, i, 0], at)
             for k in range(2):
                 own = _from_axes(leaves.directors[f, i, k], axes)
-                store(directors[f, i, k], _turned(own, axes, turns.rows[f, i]))
+                store(directors[f, i, k], _turned(own, axes, room.turns[i, 0]))
             for side in range(2):
                 end, before, way = at, 0, axes[1]
+                lateral, dorsal = motion.directors[f, i, 0], motion.directors[f, i, 1]
                 for j in range(m):
                     column = 1 + side * m + j
+                    now = sub(motion.nodes[f, i, column], motion.nodes[f, i, before])
+                    angle = _angle(now, lateral, dorsal) - motion.rest.angles[f, side, i, j]
                     own = sub(room.image[i, column], room.image[i, before])
                     way = _direction(_from_axes(_seen(own, imaged), axes), way)
-                    piece = _turned(way, axes, turns.pieces[f, side, i, j])
+                    piece = _turned(way, axes, room.turns[i, 0] + angle)
                     end = combined(1.0, end, leaves.pieces[f, side, i, j], piece)
                     store(nodes[f, i, column], end)
                     before = column
             if i + 1 < rows:
                 way = sub(room.rachis[i + 1], room.rachis[i])
-                at = add(at, _turned(way, axes, turns.chords[f, i]))
+                at = add(at, _turned(way, axes, room.turns[i, 1]))

@@ -19,6 +19,7 @@ velocities of the integrator, which ring. Rates are differences of what is drawn
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -34,10 +35,11 @@ from featherfx.coat.leaf_kernels import CarrierArrays
 from featherfx.feather.leaves import plane_forms
 from featherfx.feather.shapes import build_plane_feathers
 from featherfx.feather.types import Feather, RowPoints, both, stacked
+from featherfx.files.background import count_cores
 from featherfx.groom.skin.skin import closest
 from featherfx.groom.types import Placement
 from featherfx.shot.coat import leaf_kernels as kernels
-from featherfx.shot.coat.leaf_kernels import ImageRoom, LeafFeet, VaneTurns
+from featherfx.shot.coat.leaf_kernels import ImageRoom, LeafFeet, VaneMotion
 from featherfx.shot.roots import RootFrames
 from featherfx.shot.sources import TimedSurface
 
@@ -101,6 +103,7 @@ class MovingCoat:
         drawn: Sequence[Feather],
     ) -> None:
         self._coat, self._skin = coat, skin
+        self._pool = ThreadPoolExecutor(count_cores())
         self._numbers = numbers = np.array([each.leaf.number for each in placements])
         plane = build_plane_feathers(placements, drawn[0].rows, drawn[0].columns)
         forms = plane_forms(placements, plane)
@@ -120,8 +123,8 @@ class MovingCoat:
         )
         arrays = coat.arrays(coat.rest)
         kernels.find_offsets(arrays, self._leaves, lain.nodes, 0, len(numbers))
-        turns = VaneTurns(np.zeros(forms.sunk.shape), 0.0 * forms.ahead, 0.0 * forms.angles)
-        side, normal = self._draw(arrays, turns).directors.swapaxes(0, 2).swapaxes(1, 2)
+        still = VaneMotion(*rest, np.zeros(len(numbers)), self._lain)
+        side, normal = self._draw(arrays, still).directors.swapaxes(0, 2).swapaxes(1, 2)
         axes = np.stack([np.cross(side, normal), side, normal], axis=-2)
         self._leaves = self._leaves._replace(directors=lain.directors @ axes.swapaxes(-1, -2))
         place = np.maximum(lain.places[:, :, 0], 0.0)
@@ -163,7 +166,7 @@ class MovingCoat:
         for time, each in zip(times, posed, strict=True):
             carrier = pose_carrier(self._coat.mesh, self._skin.at(span[1] + time))
             arrays = self._coat.arrays(carrier, self._lift(each))
-            drawn.append(self._draw(arrays, self._turns(each)))
+            drawn.append(self._draw(arrays, self._motion(each)))
         return [both(rate, *drawn) for rate in _rates(step)]
 
     def _lift(self, posed: PosedFeathers) -> Array:
@@ -176,18 +179,13 @@ class MovingCoat:
         bases = self._bases(root) if root.any() else np.zeros_like(tips)
         return np.stack([tips, bases], axis=1)
 
-    def _turns(self, posed: PosedFeathers) -> VaneTurns:
-        """Turns within the vanes, from rest."""
-        nodes, directors = posed.points
-        now, rest = make_plane_forms(nodes, directors, self._lain.bare), self._lain
+    def _motion(self, posed: PosedFeathers) -> VaneMotion:
+        """What turns within the vanes."""
         forward = posed.led.rotations[:, :, 0]
         x, y = (dots(forward, posed.roots.rotations[:, :, k]) for k in range(2))
-        ahead, behind = now.ahead - rest.ahead, now.behind - rest.behind
-        rows = np.cumsum(np.column_stack([np.arctan2(y, x), ahead - behind]), axis=1)
-        pieces = rows[:, None, :, None] + now.angles - rest.angles
-        return VaneTurns(rows, rows[:, :-1] + ahead, pieces)
+        return VaneMotion(*posed.points, np.arctan2(y, x), self._lain)
 
-    def _draw(self, arrays: CarrierArrays, turns: VaneTurns) -> RowPoints:
+    def _draw(self, arrays: CarrierArrays, motion: VaneMotion) -> RowPoints:
         """The feathers over a carrier."""
         leaves = self._leaves
         made = RowPoints(np.empty_like(leaves.offsets), np.empty(leaves.directors.shape))
@@ -200,10 +198,11 @@ class MovingCoat:
                 rachis=np.empty((shape[0], 3)),
                 row=np.zeros(shape[0], dtype=np.int64),
                 part=np.empty(shape[0]),
+                turns=np.empty((shape[0], 2)),
             )
-            kernels.draw_over(arrays, leaves, turns, made, room, low, high)
+            kernels.draw_over(arrays, leaves, motion, made, room, low, high)
 
-        share_out(draw_some, len(made.nodes))
+        share_out(draw_some, len(made.nodes), self._pool)
         return made
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
+from functools import partial
 from typing import Any
 
 from featherfx.errors import InputError, Problem, SimulationError
@@ -83,22 +84,27 @@ class Simulation:
         return found
 
     def __iter__(self) -> Iterator[Frame]:
-        for frame, after in self.frames():
-            self._after = after
+        for draw, after in self.samples():
+            frame, self._after = draw(), after
             yield frame
 
-    def frames(
+    def samples(
         self, saved: Callable[[int], bool] | None = None
-    ) -> Iterator[tuple[Frame, Checkpoint | None]]:
-        """As iterating, each frame with the checkpoint after it. Raises what iterating raises.
+    ) -> Iterator[tuple[Callable[[], Frame], Checkpoint | None]]:
+        """As iterating, each frame as what draws it, with the checkpoint after it. Raises what
+        iterating raises.
 
-        saved: whether the checkpoint after a sample, counted from the first that is wanted, is
-        asked for; all by default.
+        Another thread may draw one frame at a time while the next sample is simulated. saved:
+        whether the checkpoint after a sample, counted from the first that is wanted, is asked for;
+        all by default.
         """
         for index in self._samples:
             if index >= self._begin_at:
                 keeps = saved is None or saved(index - self._begin_at)
-                yield self._frame(index), self._checkpoint() if keeps else None
+                solved: dict[int, FeatherPose] = {}
+                for group in self._run.groups:
+                    solved |= poses_of(group)
+                yield partial(self._frame, index, solved), self._checkpoint() if keeps else None
 
     def _simulated(self) -> Iterator[int]:
         """Simulate the samples of the frames that are wanted, one after the other, and those
@@ -143,12 +149,9 @@ class Simulation:
             raise SimulationError(error.feather, error.time, error.reason, number) from error
         self._index = index
 
-    def _frame(self, index: int) -> Frame:
-        """Frame where the simulation stands: what was solved, and what follows."""
+    def _frame(self, index: int, poses: dict[int, FeatherPose]) -> Frame:
+        """Frame of a sample: what was solved, which is given, and what follows."""
         run, time, number = self._run, self._run.time(index), self._run.number(index)
-        poses: dict[int, FeatherPose] = {}
-        for group in run.groups:
-            poses |= poses_of(group)
         for stage in self._stages:
             stage.follow(index, poses)
         shown = [poses[f] for f in run.wanted.tolist()]

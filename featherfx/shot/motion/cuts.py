@@ -19,7 +19,8 @@ from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import NamedTuple
+from threading import Lock
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -282,19 +283,21 @@ def _strided(surface: TimedSurface, stride: int, time: float) -> Array:
 
 @dataclass
 class CutRoots:
-    """Roots with cuts, as the frame loop asks for them."""
+    """Roots with cuts, as the frame loop asks for them, from two threads."""
 
     motion: Roots
     clock: StageClock
     _known: dict[float, RootFrames] = field(default_factory=dict)
+    _lock: Any = field(default_factory=Lock)
 
     def frames(self, time: float) -> RootFrames:
         """Return where the roots are at a time, s since the first frame; at a cut, before it."""
-        if time not in self._known:
-            self._known[time] = self.motion.frames(time)
-            if len(self._known) > _MAX_TIMES:
-                del self._known[next(iter(self._known))]
-        return RootFrames(*(values.copy() for values in self._known[time]))
+        with self._lock:
+            if time not in self._known:
+                self._known[time] = self.motion.frames(time)
+                if len(self._known) > _MAX_TIMES:
+                    del self._known[next(iter(self._known))]
+            return RootFrames(*(values.copy() for values in self._known[time]))
 
     def after(self, time: float) -> RootFrames:
         """The same; at a cut, after it."""

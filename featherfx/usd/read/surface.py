@@ -12,6 +12,7 @@ import copy
 import warnings
 from collections import OrderedDict
 from collections.abc import Sequence
+from threading import Lock
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -146,7 +147,8 @@ class Surface(ScenePrim):
         self._skinning, self._to_stage = skinning, matrix
         self.knots: Knots | None = None
         self._poses: OrderedDict[float, _KnotPose] = OrderedDict()
-        self._asked: OrderedDict[float, tuple[NDArray[Any], Array]] = OrderedDict()
+        self._asked: OrderedDict[float, Array] = OrderedDict()
+        self._lock = Lock()
         self._maps: tuple[Any, Maps] | None = None
         self._rest_code = DEFAULT_TIME if rest is None else Usd.TimeCode(rest)
         self.rest = self._at_rest(rest is None)
@@ -247,34 +249,29 @@ class Surface(ScenePrim):
             return self
         found = copy.copy(self)
         found.knots, found._poses, found._asked = knots, OrderedDict(), OrderedDict()
+        found._lock = Lock()
         found._maps = None
         return found
 
     def corners(self, code: float, triangles: Indices) -> Array:
         """(F, 3, 3) m, corners of triangles (F, 3) of points at a time code."""
-        local, matrix = self._pose(code)
-        if triangles.size > len(local):
-            # each point once
-            moved = transform_points(local, matrix)
-            return self._finite(moved[triangles], code)
-        return self._finite(transform_points(local[triangles], matrix), code)
+        return self._finite(self._at(code)[triangles], code)
 
     def points(self, code: float) -> Array:
         """(V, 3) m, all points at a time code."""
-        local, matrix = self._pose(code)
-        return self._finite(transform_points(local, matrix), code)
+        return self._finite(self._at(code).copy(), code)
 
-    def _pose(self, code: float) -> tuple[NDArray[Any], Array]:
-        """Points of the mesh, and the matrix from their space to the world, at a time code; those
-        of the last few are kept."""
-        found = self._asked.get(code)
-        if found is None:
-            local, matrix = self._posed(code)
-            local = local if self.limit is None else self.limit.move(local)
-            self._asked[code] = found = local, matrix
-            if len(self._asked) > _MAX_TIMES:
-                self._asked.popitem(last=False)
-        return found
+    def _at(self, code: float) -> Array:
+        """(V, 3) m, points at a time code; those of the last few are kept."""
+        with self._lock:  # frames are drawn beside the simulation
+            found = self._asked.get(code)
+            if found is None:
+                local, matrix = self._posed(code)
+                local = local if self.limit is None else self.limit.move(local)
+                self._asked[code] = found = transform_points(local, matrix)
+                if len(self._asked) > _MAX_TIMES:
+                    self._asked.popitem(last=False)
+            return found
 
     def _posed(self, code: float) -> tuple[NDArray[Any], Array]:
         if self.knots is None or not self.knots.leads(code):
