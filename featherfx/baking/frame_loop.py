@@ -105,7 +105,9 @@ def _write_frames(
     eta = FrameEta(samples - done, samples - done)
     with writing:
         frames = (
-            simulation.samples(lambda sample: sink.writer.ends_chunk(sample))
+            simulation.samples(
+                lambda sample: sink.writer.ends_chunk(sample), task.options.accelerations
+            )
             if done < samples
             else ()
         )

@@ -18,7 +18,7 @@ velocities of the integrator, which ring. Rates are differences of what is drawn
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -45,8 +45,9 @@ from featherfx.shot.sources import TimedSurface
 
 # of the median length of the feathers, reach of the means of their lifts
 _LIFT_REACH = 0.5
-# of the time between two samples, by which the times are apart from which rates are found
-_STEP_RATIO = 0.02
+# of the time between two samples, by which the times are apart from which rates are found: first
+# ones, whose errors grow with it, and second ones, which differences of rounding would swamp
+_INSTANT, _STEP_RATIO = 1e-4, 0.02
 _NO_HEIGHT = 1e-9  # m, of the coat's points off the skin of the shot
 
 
@@ -147,14 +148,16 @@ class MovingCoat:
         roots: Sequence[RootFrames],
         span: tuple[float, float],
         led: Sequence[RootFrames] | None = None,
+        with_second: bool = True,
     ) -> list[RowPoints]:
         """Feathers on their leaves at the end of a span of time (s), and their two rates.
 
         given: points on their roots, and their two rates; roots: as the skin carries them rigidly,
-        and their two rates; led: the same as channels have led them, default roots.
+        and their two rates; led: the same as channels have led them, default roots. with_second:
+        else the second rates are nan.
         """
-        step = _STEP_RATIO * (span[1] - span[0])
-        times = [-q * step for q in range(3)]
+        instant, step = _INSTANT * (span[1] - span[0]), _STEP_RATIO * (span[1] - span[0])
+        times = [0.0, -instant, *((-step, -2.0 * step) if with_second else ())]
         posed, drawn = [], []
         for time in times:
             points = RowPoints(*(_extrapolated(rates, time) for rates in zip(*given, strict=True)))
@@ -167,7 +170,12 @@ class MovingCoat:
             carrier = pose_carrier(self._coat.mesh, self._skin.at(span[1] + time))
             arrays = self._coat.arrays(carrier, self._lift(each))
             drawn.append(self._draw(arrays, self._motion(each)))
-        return [both(rate, *drawn) for rate in _rates(step)]
+        now, before, *earlier = drawn
+        if earlier:
+            second = both(lambda x, y, z: (x - 2.0 * y + z) / (step * step), now, *earlier)
+        else:
+            second = both(lambda x: np.broadcast_to(np.nan, x.shape), now)
+        return [now, both(lambda x, y: (x - y) / instant, now, before), second]
 
     def _lift(self, posed: PosedFeathers) -> Array:
         """(V, 2) m, a and b of the coat."""
@@ -212,12 +220,3 @@ def _extrapolated(rates: Sequence[Array], time: float) -> Array:
     if time == 0.0:
         return now
     return np.asarray(now + time * rate + 0.5 * time * time * second)
-
-
-def _rates(step: float) -> Sequence[Callable[[Array, Array, Array], Array]]:
-    """Values and their two rates at the latest of three times, step (s) apart, latest first."""
-    return (
-        lambda x, y, z: x,
-        lambda x, y, z: (3.0 * x - 4.0 * y + z) / (2.0 * step),
-        lambda x, y, z: (x - 2.0 * y + z) / (step * step),
-    )

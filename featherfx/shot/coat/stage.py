@@ -81,7 +81,8 @@ class CoatStage(Stage):
         given = [stacked([getattr(pose, name) for pose in before]) for name in _RATES]
         led = self._root_rates(self.run.motion, span)
         roots = led if self._motion is self.run.motion else self._root_rates(self._motion, span)
-        drawn = [each.each() for each in self._coat.follow(given, roots, span, led)]
+        moving = self._coat.follow(given, roots, span, led, self.run.with_accelerations)
+        drawn = [each.each() for each in moving]
         for f, pose, *values in zip(members, before, *drawn, strict=True):
             poses[f] = replace(pose, **dict(zip(_RATES, values, strict=True)))
 

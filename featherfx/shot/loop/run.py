@@ -62,7 +62,8 @@ class ShotRun:
     the motion does not begin at rest, or `begin`. motion: of the roots, brought up from rest, with
     cuts. drawn: all feathers on the meshes' grid. wanted: numbers of those in the frames; solved:
     of those that are stepped if they are simulated. islands: (F,) contact group of each, or ALONE.
-    rigid, guided: number of wanted feathers that are not simulated. groups: batches; step_groups:
+    rigid, guided: number of wanted feathers that are not simulated. with_accelerations: whether
+    frames have those of feathers that are drawn anew, else nan. groups: batches; step_groups:
     the same, as they are stepped together.
     """
 
@@ -86,6 +87,7 @@ class ShotRun:
         self.solved = self.wanted
         self.islands = np.full(len(self.drawn), ALONE)
         self.rigid = self.guided = 0
+        self.with_accelerations = True
         self.groups: list[FeatherGroup] = []
         self.step_groups: list[StepGroup] = []
 

@@ -294,10 +294,13 @@ class CutRoots:
         """Return where the roots are at a time, s since the first frame; at a cut, before it."""
         with self._lock:
             if time not in self._known:
-                self._known[time] = self.motion.frames(time)
+                found = RootFrames(*(each.view() for each in self.motion.frames(time)))
+                for each in found:
+                    each.flags.writeable = False
+                self._known[time] = found
                 if len(self._known) > _MAX_TIMES:
                     del self._known[next(iter(self._known))]
-            return RootFrames(*(values.copy() for values in self._known[time]))
+            return self._known[time]
 
     def after(self, time: float) -> RootFrames:
         """The same; at a cut, after it."""
