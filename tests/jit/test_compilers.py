@@ -1,6 +1,10 @@
 """Worker processes that compile kernels."""
 
+import os
 import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
 
 import pytest
 from kernel_runs import ALL
@@ -64,6 +68,18 @@ trial_kernels.total.returns = Other
         run_kernels(tmp_path / "here", before=wrong)
     assert "total returns Total(" in error.value.stderr
     assert "declared: Other(" in error.value.stderr
+
+
+@pytest.mark.nightly
+def test_what_is_compiled_ahead_of_a_bake_is_what_it_needs(tmp_path):
+    """No step is compiled again for the feathers of the shot, so that nothing was asked in vain."""
+    shot = Path(__file__).parents[2] / "samples" / "breeze" / "shot.toml"
+    command = [sys.executable, "-m", "featherfx", "bake", str(shot), "--frames", "1-2", "-o"]
+    variables = os.environ | {"FEATHERFX_CACHE": str(tmp_path / "code")}
+    subprocess.run([*command, str(tmp_path / "a.usdc")], env=variables, check=True)
+    stored = [each.name.split(".")[1] for each in (tmp_path / "code").rglob("*.code")]
+    assert {"advance_feathers", "settle_feathers"} <= set(stored)
+    assert max(Counter(stored).values()) == 1
 
 
 @pytest.mark.parametrize("given", ["0", "65", "two", "-1"])
