@@ -188,7 +188,7 @@ class MovingCoat:
         return np.stack([tips, bases], axis=1)
 
     def _motion(self, posed: PosedFeathers) -> VaneMotion:
-        """What turns within the vanes."""
+        """Return what turns within the vanes."""
         forward = posed.led.rotations[:, :, 0]
         x, y = (dots(forward, posed.roots.rotations[:, :, k]) for k in range(2))
         return VaneMotion(*posed.points, np.arctan2(y, x), self._lain)
