@@ -9,9 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from importlib import import_module
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from featherfx.errors import InputError, Problem, require_type
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import Feather
 from featherfx.groom.document import Document
@@ -20,7 +22,7 @@ from featherfx.groom.read.read import load_tables
 from featherfx.groom.read.read import read_groom as read_groom_file
 from featherfx.groom.read.readers import SceneReaders
 from featherfx.groom.types import Groom
-from featherfx.phases import phase
+from featherfx.phases import Progress, phase, tells_progress
 from featherfx.provenance import StageRead, listen_to_reads
 from featherfx.shot.loop.placement import lay_out, place_feathers
 from featherfx.shot.read.read import read_shot as read_shot_file
@@ -33,24 +35,31 @@ if TYPE_CHECKING:
 Folders = Iterable[str | Path]
 
 
-def read_groom(path: str | Path, preset_folders: Folders = ()) -> Groom:
+@tells_progress
+def read_groom(
+    path: str | Path, preset_folders: Folders = (), *, progress: Progress = False
+) -> Groom:
     """The groom of a TOML or USD file: which feathers, where, metres and z up; laid over each other
     where it asks for that.
 
-    preset_folders: searched before the user's and the shipped presets. Raises InputError with all
+    preset_folders: searched before the user's and the shipped presets. progress: as of
+    featherfx.phases.tells_progress. Raises InputError with all
     problems of the file, of the tables and scenes that it names, and of the presets.
     """
     groom: Groom = open_document("groom", path, preset_folders).read()
     return groom
 
 
-def read_shot(path: str | Path, preset_folders: Folders = ()) -> Shot:
+@tells_progress
+def read_shot(
+    path: str | Path, preset_folders: Folders = (), *, progress: Progress = False
+) -> Shot:
     """The shot of a TOML file with its groom, its feathers laid over each other where the groom
     asks for it, and its roots bound to the skin where it has one.
 
-    preset_folders: as in read_groom. Raises InputError with all problems of shot, groom, scenes and
-    presets; InputWarning for roots that are far from the skin, and for feathers that the layout
-    leaves out or cannot part.
+    preset_folders, progress: as in read_groom. Raises InputError with all problems of shot, groom,
+    scenes and presets; InputWarning for roots that are far from the skin, and for feathers that the
+    layout leaves out or cannot part.
     """
     shot: Shot = open_document("shot", path, preset_folders).read()
     return shot
@@ -58,6 +67,7 @@ def read_shot(path: str | Path, preset_folders: Folders = ()) -> Shot:
 
 def open_document(kind: str, path: str | Path, preset_folders: Folders = ()) -> Document:
     """The tables of a groom or shot file, not yet checked. Raises InputError."""
+    require_type(kind, path, str | Path, f"the path of a {kind} file")
     source = Path(path)
     return Document(kind, load_tables(source), source, tuple(preset_folders))
 
@@ -102,6 +112,7 @@ def build(groom: Groom, quality: Quality | str = "final") -> tuple[Feather, ...]
     quality: gives rows and columns; a name is one of the presets on the default search path.
     Raises InputError with the problems of all feathers that cannot be built.
     """
+    require_type("groom", groom, Groom, "a Groom, such as shot.groom or read_groom(path)")
     grid = read_quality(quality) if isinstance(quality, str) else quality
     return tuple(build_feathers(groom.feathers, grid.rows, grid.columns))
 
@@ -122,8 +133,24 @@ def simulate(
     # the solver takes its time to load, which nothing else here needs
     from featherfx.shot.loop import simulate as loop
 
+    require_type("shot", shot, Shot | str | Path, "a Shot, or the path of a shot file")
     whole = read_shot(shot) if isinstance(shot, str | Path) else shot
+    if frames is not None:
+        _refuse_frames(whole, frames)
+    if start is not None:
+        require_type("start", start, loop.Checkpoint, "a checkpoint() of another simulation")
     return loop.simulate(whole, jobs, frames, start=start)
+
+
+def _refuse_frames(shot: Shot, frames: tuple[int, int]) -> None:
+    """Raise TypeError or InputError for what is no range of frames of a shot."""
+    require_type("frames", frames, tuple | list, "(first, last)")
+    for each in frames:
+        require_type("frames", each, Integral, "whole numbers")
+    first, last = shot.first_frame, shot.last_frame
+    if len(frames) != 2 or not first <= frames[0] <= frames[1] <= last:
+        told = f"{tuple(frames)} is no range of its frames. Give (first, last) in {first} to {last}"
+        raise InputError(Problem(str(shot.source), "frames", told))
 
 
 def scene_readers(note: Callable[[Path], object] = lambda path: None) -> SceneReaders:

@@ -62,6 +62,14 @@ def require(*problems: Problem) -> None:
         raise InputError(*problems)
 
 
+def require_type(name: str, value: object, kinds: Any, expected: str) -> None:
+    """Raises TypeError, which says what to give, for an argument of another type."""
+    if not isinstance(value, kinds):
+        raise TypeError(
+            f"{name}: {value!r:.60} is of type {type(value).__name__}. Give {expected}."
+        )
+
+
 def all_of(*tasks: Callable[[], Any]) -> list[Any]:
     """Results of all tasks; raises one InputError with the problems of all of them."""
     results: list[Any] = []

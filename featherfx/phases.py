@@ -14,16 +14,23 @@ began.
 
 from __future__ import annotations
 
+import math
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import NamedTuple, Self, TypeVar
+from functools import wraps
+from typing import Any, NamedTuple, Self, TypeVar, cast
+
+from featherfx.errors import require_type
 
 _STARTING = "starting"
+_SECONDS_BETWEEN_LINES = 1.0
 _Part = TypeVar("_Part")
+_Function = TypeVar("_Function", bound=Callable[..., Any])
 
 # what a phase is told of its progress: parts done, and seconds left where it knows better
 ReportDone = Callable[..., None]
@@ -223,6 +230,58 @@ def phase(
         current.close(own, failed=True)
         raise
     current.close(own)
+
+
+Progress = bool | Callable[[Any, Any], Any]
+
+
+def listener_of(progress: Progress, name: str) -> Callable[[Any, Any], Any] | None:
+    """Return what hears of parts that are done and their number: the given function, for True one
+    that prints a line a second with a name on stderr, for False none. Raises TypeError."""
+    require_type("progress", progress, bool | Callable, "True, or a function of two numbers")
+    if not isinstance(progress, bool):
+        return progress
+    return _Lines(name) if progress else None
+
+
+class _Lines:
+    """Lines of what is done of something with a name, on a terminal one that changes."""
+
+    def __init__(self, name: str) -> None:
+        self._name, self._last = name, -math.inf
+
+    def __call__(self, done: float, total: float) -> None:
+        now = time.monotonic()
+        if done < total and now - self._last < _SECONDS_BETWEEN_LINES:
+            return
+        self._last = now
+        end = "\n" if done >= total or not sys.stderr.isatty() else "\r"
+        print(f"{self._name}: {done:g} of {total:g}", end=end, file=sys.stderr, flush=True)
+
+
+def tells_progress(function: _Function) -> _Function:
+    """Let a function tell how far it is by its keyword `progress`, which it does not use itself.
+
+    progress: True prints lines on stderr; a function is called with the parts done and their number
+    in each phase of the work, one phase after the other.
+    """
+
+    @wraps(function)
+    def told(*arguments: Any, progress: Progress = False, **options: Any) -> Any:
+        if progress is False:
+            return function(*arguments, **options)
+        listeners: dict[str, Any] = {}
+
+        def listen(state: PhaseState) -> None:
+            if state.total:
+                if state.name not in listeners:
+                    listeners[state.name] = listener_of(progress, state.name)
+                listeners[state.name](state.done, state.total)
+
+        with Account(listen):
+            return function(*arguments, **options)
+
+    return cast(_Function, told)
 
 
 def counted(name: str, parts: Iterable[_Part], total: int) -> Iterator[_Part]:

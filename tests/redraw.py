@@ -60,7 +60,7 @@ def recipe(steps: list[Step], name: str) -> list[Step]:
 
 def images_of(page: Path) -> Iterator[Path]:
     """Return the files of the images that a page shows, from its own folder."""
-    for link in re.findall(r"!\[[^\]]*\]\((images/[^)]+)\)", page.read_text(encoding="utf-8")):
+    for link in re.findall(r"!\[[^\]]*\]\(((?:docs/)?images/[^)]+)\)", page.read_text(encoding="utf-8")):
         yield page.parent / link
 
 
@@ -93,7 +93,7 @@ def draw(steps: list[Step], image: Path, folder: Path) -> Path | None:
 
 def redraw(names: list[str], check: bool) -> int:
     """Draw the images of all pages, or the named ones; return how many fail or differ."""
-    paths = sorted((ROOT / "docs").glob("*.md"))
+    paths = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
     steps = {page: steps_of(page.read_text(encoding="utf-8")) for page in paths}
     # the page that shows an image may leave its commands to another one
     shown = {image: (page, *paths) for page in reversed(paths) for image in images_of(page)}

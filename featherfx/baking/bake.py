@@ -11,7 +11,7 @@ from typing import Any
 
 from featherfx import usd
 from featherfx._version import __version__
-from featherfx.baking.options import BakeOptions, takes
+from featherfx.baking.options import BakeOptions, make_options, takes
 from featherfx.baking.task import BakeTask, prepare
 from featherfx.files.atomic_write import Standing, into, remove_leftovers, standing, write_all
 from featherfx.files.gc_pause import seldom_collected
@@ -68,7 +68,7 @@ def bake(
     notify = on_frame or (lambda done, total: None)
     current = account()
     with nullcontext(current) if current else Account() as timed:
-        return _bake(shot, output, notify, BakeOptions(**options), timed)
+        return _bake(shot, output, notify, make_options(BakeOptions, options), timed)
 
 
 def _bake(

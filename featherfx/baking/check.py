@@ -9,12 +9,13 @@ from typing import Any
 from featherfx.api import Folders, read_groom, read_quality, read_shot, scene_readers
 from featherfx.baking.entries import refuse_too_large
 from featherfx.baking.options import DrawnOptions
-from featherfx.errors import InputError, Problem, all_of
+from featherfx.errors import InputError, Problem, all_of, require_type
 from featherfx.feather.build import distinct_shapes
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.groom.types import Groom
 from featherfx.limits import MAX_TRIED, irregular
+from featherfx.phases import Progress, tells_progress
 from featherfx.shot.direction.shapes import refuse_other_shapes
 from featherfx.shot.direction.unsimulated_targets import FELT, warn_of_unfelt
 from featherfx.shot.loop.run import drawn_feathers
@@ -24,18 +25,25 @@ from featherfx.shot.read.read import check_file
 from featherfx.shot.types import Shot
 
 
-def check(source: str | Path | Shot | Groom, preset_folders: Folders = ()) -> list[Problem]:
+@tells_progress
+def check(
+    source: str | Path | Shot | Groom, preset_folders: Folders = (), *, progress: Progress = False
+) -> list[Problem]:
     """Find the problems of a groom, preset, shot or USD file, or of a groom or shot in memory.
 
     Grooms and shots without a wrong value are also tried: their feathers are built and the motion
-    is fitted to the joints. InputWarning for what of a shot's channels and targets is not felt.
+    is fitted to the joints. progress: as of featherfx.phases.tells_progress. InputWarning for what
+    of a shot's channels and targets is not felt.
     """
     folders = tuple(preset_folders)
     if isinstance(source, Shot | Groom):
         return _tried(source)
+    require_type("source", source, str | Path, "a Shot, a Groom, or the path of a file")
     path = Path(source)
     if not path.is_file():
-        return [Problem(str(path), "", irregular(path) or "there is no such file. Check the path")]
+        odd = irregular(path)
+        told = f"{odd}. Name a file" if odd else "there is no such file. Check the path"
+        return [Problem(str(path), "", told)]
     if path.suffix in (".usd", ".usda", ".usdc"):
         # checks of other files do without USD
         from featherfx.usd.check.check import check_file as check_usd

@@ -13,12 +13,13 @@ from featherfx.baking.entries import (
     refuse_too_large,
     scenery_of_groom,
 )
-from featherfx.baking.options import GroomOptions, takes
+from featherfx.baking.options import GroomOptions, make_options, takes
 from featherfx.baking.task import in_space
 from featherfx.errors import InputError, Problem, all_of
 from featherfx.feather.build import distinct_shapes
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.groom.types import Groom
+from featherfx.phases import Progress, tells_progress
 from featherfx.shot.loop.placement import lay_out
 from featherfx.usd.types import choose_origin
 from featherfx.usd.write.cache_writer import CachePlace, CacheWriter
@@ -34,16 +35,19 @@ from featherfx.usd.write.output import (
 
 
 @takes(GroomOptions)
-def export_groom(groom_path: str | Path, output: str | Path, **options: Any) -> int:
+@tells_progress
+def export_groom(
+    groom_path: str | Path, output: str | Path, *, progress: Progress = False, **options: Any
+) -> int:
     """Write the rest feathers of a groom to USD, without time samples; return their number.
 
-    options: fields of featherfx.baking.options.GroomOptions. quality: name of the preset that gives
-    rows and columns. instances: whether feathers of one shape are instances of a prototype, or each
-    a mesh and a curve of its own; None: instances where at least a third of the feathers repeat and
-    neither barbs nor textures are written. The others are as in bake. Raises InputError with
-    every problem.
+    progress: as of featherfx.phases.tells_progress. options: fields of
+    featherfx.baking.options.GroomOptions. quality: name of the preset that gives rows and columns.
+    instances: whether feathers of one shape are instances of a prototype, or each a mesh and a
+    curve of its own; None: instances where at least a third of the feathers repeat and neither
+    barbs nor textures are written. The others are as in bake. Raises InputError with every problem.
     """
-    return _export(groom_path, output, GroomOptions(**options))
+    return _export(groom_path, output, make_options(GroomOptions, options))
 
 
 def _export(groom_path: str | Path, output: str | Path, options: GroomOptions) -> int:
@@ -92,6 +96,7 @@ def _export(groom_path: str | Path, output: str | Path, options: GroomOptions) -
     return len(entries)
 
 
+@tells_progress
 def export(
     cache: str | Path,
     output: str | Path,
@@ -100,14 +105,15 @@ def export(
     morph: bool = False,
     frames: tuple[int, int] | None = None,
     overwrite: bool = False,
+    progress: Progress = False,
 ) -> list[Path]:
     """Write a cache in another form and return the files.
 
     output: .usd, .usdc or .usda for one plain file of the whole cache, or with condensed for
     Houdini's condensed feathers; .abc for one Alembic file (needs the extra "alembic"); .glb,
     .obj, .ply or .stl for a file per frame, or with morph for one .glb whose morph targets are the
-    frames. Of Alembic and these, frames gives the first and last.
-    Raises InputError.
+    frames. Of Alembic and these, frames gives the first and last. progress: as of
+    featherfx.phases.tells_progress. Raises InputError.
     """
     path = Path(output)
     if path.suffix == ".abc":

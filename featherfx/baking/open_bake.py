@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from featherfx.baking import bake as baking
 from featherfx.baking.options import BakeOptions, takes
+from featherfx.errors import require_type
+from featherfx.phases import Progress, listener_of
 from featherfx.shot.types import Shot
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ def bake(
     shot: str | Path | Shot,
     output: str | Path | None = None,
     *,
-    progress: bool | Callable[[int, int], None] = False,
+    progress: Progress = False,
     **options: Any,
 ) -> FeatherCache:
     """Simulate a shot, write it to USD and open what was written.
@@ -36,12 +36,7 @@ def bake(
     """
     from featherfx.usd.read.feather_cache import FeatherCache
 
-    notify = progress if callable(progress) else _print_progress if progress else None
-    report = baking.bake(shot, output, on_frame=notify, **options)
+    require_type("shot", shot, str | Path | Shot, "a Shot, or the path of a shot file")
+    require_type("output", output, str | Path | None, "the path of a file")
+    report = baking.bake(shot, output, on_frame=listener_of(progress, "frames"), **options)
     return FeatherCache(report["output"], report)
-
-
-def _print_progress(done: int, total: int) -> None:
-    """Write a line that the next one replaces on a terminal."""
-    end = "\n" if done == total or not sys.stderr.isatty() else "\r"
-    print(f"{done} of {total} frames", end=end, file=sys.stderr, flush=True)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields
+from numbers import Integral, Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin, get_type_hints
 
+from featherfx.errors import require_type
+from featherfx.groom.keys.problems import nearest
 from featherfx.limits import MAX_BARBS, MAX_COLUMNS, MAX_JOBS, MAX_ROWS, option
 from featherfx.usd.write.options import StageOptions, WriteOptions
 
@@ -17,6 +20,7 @@ if TYPE_CHECKING:
 # s of processor time that stats spends on bakes of a part of the feathers, roughly
 TRIAL_SECONDS = 15.0
 
+Chosen = TypeVar("Chosen")
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -98,6 +102,32 @@ class BakeOptions(WriteOptions, DrawnOptions):
         "Bake the I-th of N shares of the feathers, to OUT.IofN.usdc; I-J/N: shares I to J.",
         form="I/N",
     )
+
+
+def make_options(kind: type[Chosen], values: Mapping[str, Any]) -> Chosen:
+    """Make a class of options. Raises TypeError for names it lacks, and values of other types."""
+    hints = get_type_hints(kind)
+    for name, value in values.items():
+        if name not in hints:
+            raise TypeError(f"no option {name!r}, {nearest(name, hints)}")
+        if not _fits(value, hints[name]):
+            told = str(hints[name]).replace("pathlib.", "").replace("collections.abc.", "")
+            require_type(name, value, (), hints[name].__name__ if told.startswith("<") else told)
+    return kind(**values)
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    """Return whether a value is of a type; whole numbers are numbers, texts no sequences."""
+    kinds, parts = get_origin(hint), get_args(hint)
+    if kinds is None:
+        number = {int: Integral, float: Real}.get(hint, hint)
+        return isinstance(value, number) and (hint is bool or not isinstance(value, bool))
+    if kinds is tuple:
+        many = isinstance(value, tuple | list) and len(value) == len(parts)
+        return many and all(map(_fits, value, parts))
+    if issubclass(kinds, Iterable):
+        return isinstance(value, Iterable) and not isinstance(value, str)
+    return any(_fits(value, each) for each in parts)
 
 
 def takes(options: type) -> Callable[[Function], Function]:

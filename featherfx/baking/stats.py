@@ -25,12 +25,12 @@ from featherfx.baking.trial import (
     sum_unknowns,
     time_of,
 )
-from featherfx.errors import InputWarning, all_of
+from featherfx.errors import InputWarning, all_of, require_type
 from featherfx.feather.build import distinct_shapes
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.groom.types import Groom
 from featherfx.jit.compile_progress import PROGRESS, working_time
-from featherfx.phases import account
+from featherfx.phases import Progress, account, tells_progress
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.types import LEVELS, Quality, Shot
 from featherfx.usd.types import StageSpace
@@ -44,6 +44,7 @@ _AFTER_TRIALS = 0.5
 _RESOLVING = 0.5
 
 
+@tells_progress
 def stats(
     source: str | Path | Shot | Groom,
     *,
@@ -51,6 +52,7 @@ def stats(
     jobs: int = 1,
     preset_folders: Folders = (),
     budget: float | None = None,
+    progress: Progress = False,
 ) -> dict[str, Any]:
     """Counts, overlap and penetration of a groom; of a shot also the expected cost of its bake.
 
@@ -58,8 +60,10 @@ def stats(
     groom, that its meshes are counted at (default final). jobs: threads of the bake. Its cost is
     measured by bakes of a part of the shot, which take about budget seconds of CPU time with
     reading, without compiling, at most a minute for None. SI units, bytes.
+    progress: as of featherfx.phases.tells_progress.
     Raises InputError, and SimulationError where one of these feathers cannot be simulated.
     """
+    require_type("source", source, Shot | Groom | str | Path, "a Shot, a Groom, or a file's path")
     folders = tuple(preset_folders)
     until = working_time() + (MAX_TRIAL_SECONDS if budget is None else budget)
     if isinstance(source, Groom):

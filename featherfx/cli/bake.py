@@ -11,6 +11,8 @@ import click
 from featherfx.baking import pipeline
 from featherfx.baking.options import DRAWN, BakeOptions
 from featherfx.cli.options import (
+    RealNumber,
+    WholeNumber,
     default_jobs,
     jobs_option,
     options_of,
@@ -67,21 +69,21 @@ _NOTED = (
 @options_of(BakeOptions, "feathers")
 @click.option(
     "--plan",
-    type=click.IntRange(1, MAX_SHARES),
+    type=WholeNumber(1, MAX_SHARES),
     metavar="N",
     help="Do not bake: write N work items for a farm, with their commands, and a job template of"
     " Open Job Description.",
 )
 @click.option(
     "--task-shares",
-    type=click.IntRange(1, MAX_SHARES),
+    type=WholeNumber(1, MAX_SHARES),
     metavar="M",
     help="With --plan: a task of the job template bakes M shares; the scheduler must know Open Job"
     " Description's task chunking.",
 )
 @click.option(
     "--task-hours",
-    type=click.FloatRange(0.01, 10_000.0),
+    type=RealNumber(0.01, 10_000.0),
     metavar="HOURS",
     help=f"With --plan: a task that takes longer is stopped.  [default: {TASK_HOURS:g}]",
 )
@@ -99,13 +101,13 @@ _NOTED = (
 )
 @click.option(
     "--workers",
-    type=click.IntRange(1, MAX_JOBS),
+    type=WholeNumber(1, MAX_JOBS),
     help="dask: processes to start; with --scheduler, workers to wait for."
     "  [default: all cores; with --scheduler 1]",
 )
 @click.option(
     "--shares",
-    type=click.IntRange(1, MAX_SHARES),
+    type=WholeNumber(1, MAX_SHARES),
     help="dask: shares that each shot is cut into.  [default: about two for each worker]",
 )
 @options_of(BakeOptions, "report")
@@ -150,7 +152,8 @@ def bake(
         return
     if len(shots) > 1 or any(farm.values()):
         raise click.UsageError(
-            "several shots, --scheduler, --workers and --shares are for --engine dask"
+            "several shots, --scheduler, --workers and --shares are for --engine dask. Add it, or"
+            " bake one shot at a time"
         )
     if plan:
         from featherfx.cli.farm import write_plan

@@ -13,6 +13,8 @@ from featherfx.baking.options import DRAWN, GroomOptions
 from featherfx.cli.options import (
     FRAMES,
     NUMBERS,
+    RealNumber,
+    WholeNumber,
     options_of,
     output_option,
     overwrite_option,
@@ -74,7 +76,7 @@ def groom(groom: Path, quality: str | None, style: str, **options: Any) -> None:
 @click.option("--condensed", is_flag=True, help="USD: as Houdini's condensed feathers.")
 @click.option(
     "--rigid",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=RealNumber(min=0.0, min_open=True),
     metavar="MM",
     help="USD: feathers that keep their shape within MM millimetres become transforms.",
 )
@@ -147,7 +149,7 @@ def export(
 )
 @click.option(
     "--loop",
-    type=click.IntRange(min=1),
+    type=WholeNumber(min=1),
     help="Frames at the end of the cache that become a loop; those before them are faded in.",
 )
 @overwrite_option("Replace a file that exists.")

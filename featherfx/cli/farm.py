@@ -12,7 +12,7 @@ from click.core import ParameterSource
 
 from featherfx.baking import pipeline
 from featherfx.cli.bake_warnings import print_missing_promise, print_warnings
-from featherfx.cli.options import default_jobs, overwrite_option
+from featherfx.cli.options import WholeNumber, default_jobs, overwrite_option
 from featherfx.cli.program import Command, tell
 from featherfx.cli.progress import Progress
 from featherfx.farm import origin
@@ -102,7 +102,7 @@ def bake_on_cluster(
         log.addHandler(lines)
         log.setLevel(logging.INFO)
         try:
-            result = bake(shots, output, on_frame=progress, **farm, **options)
+            result = bake(shots, output, progress=progress, **farm, **options)
         finally:
             log.removeHandler(lines)
     for each in result["shots"]:
@@ -123,7 +123,7 @@ def bake_on_cluster(
 @click.argument("output", type=click.Path(path_type=Path))
 @click.option(
     "--shares",
-    type=click.IntRange(1, MAX_SHARES),
+    type=WholeNumber(1, MAX_SHARES),
     required=True,
     help="Number of shares, as N of I/N.",
 )

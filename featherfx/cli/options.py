@@ -34,6 +34,35 @@ class Parsed(click.ParamType):
             self.fail(str(error), param, ctx)
 
 
+def _as_number(convert: Callable[..., Any], kind: Any, text: Any, *place: Any) -> Any:
+    """Convert a text to a number; a failure says what is allowed."""
+    try:
+        return convert(text, *place)
+    except click.BadParameter as error:
+        if "is not a valid" not in error.message:
+            raise
+        told = f"'{text}' is not a {kind.name}. Give {kind._describe_range()}"
+        raise click.BadParameter(told) from error
+
+
+class WholeNumber(click.IntRange):
+    """A whole number within bounds."""
+
+    name = "whole number"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        return _as_number(super().convert, self, value, param, ctx)
+
+
+class RealNumber(click.FloatRange):
+    """A number within bounds."""
+
+    name = "number"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        return _as_number(super().convert, self, value, param, ctx)
+
+
 def _frames(text: str) -> tuple[int, int]:
     """First and last frame, inclusive; or one frame."""
     match = re.fullmatch(r"(-?\d+)(?:-(-?\d+))?", text.strip())
@@ -134,7 +163,7 @@ def json_option(told: str = "One JSON object.") -> Callable[[Decorated], Decorat
 def jobs_option(meaning: str = "Threads to use.") -> Callable[[Decorated], Decorated]:
     """--jobs of a command; None where it is not given."""
     told = f"{meaning}  [default: all cores]"
-    return click.option("--jobs", type=click.IntRange(1, MAX_JOBS), help=told)
+    return click.option("--jobs", type=WholeNumber(1, MAX_JOBS), help=told)
 
 
 def options_of(options: type, *names: str) -> Callable[[Decorated], Decorated]:
@@ -187,10 +216,10 @@ def _click_type(told: Mapping[str, Any], hint: Any) -> click.ParamType | None:
         return click.Path(path_type=Path, exists=True, dir_okay=False)
     if "least" in told:
         if float in get_args(hint):
-            return click.FloatRange(min=told["least"], max=told.get("most"))
-        return click.IntRange(min=told["least"], max=told.get("most"))
+            return RealNumber(min=told["least"], max=told.get("most"))
+        return WholeNumber(min=told["least"], max=told.get("most"))
     if "above" in told:
-        return click.FloatRange(min=told["above"], min_open=True)
+        return RealNumber(min=told["above"], min_open=True)
     return click.Path(path_type=Path) if Path in get_args(hint) else None
 
 
@@ -201,7 +230,7 @@ def default_jobs() -> int:
 
 def serving_options(command: Decorated) -> Decorated:
     """--port and --no-browser, of a page that is served."""
-    port = click.IntRange(1, 65535)
+    port = WholeNumber(1, 65535)
     quiet = click.option("--no-browser", is_flag=True, help="Only print the address.")
     told = "Port of the local server.  [default: a free one]"
     return click.option("--port", type=port, help=told)(quiet(command))

@@ -11,6 +11,7 @@ import click
 
 from featherfx.baking.install import copy_sample, sample_names
 from featherfx.cli.options import (
+    RealNumber,
     output_option,
     overwrite_option,
     pairs,
@@ -130,10 +131,10 @@ def schema(kind: str, family: str) -> None:
     show_default=True,
     help="Feather preset for what a picture cannot tell.",
 )
-@click.option("--length", type=click.FloatRange(1e-3, 10), help="m.  [default: the base's]")
+@click.option("--length", type=RealNumber(1e-3, 10), help="m.  [default: the base's]")
 @click.option(
     "--threshold",
-    type=click.FloatRange(0, 1),
+    type=RealNumber(0, 1),
     help="Distance in colour from the border at which the feather begins.  [default: found]",
 )
 @click.option("--turned", is_flag=True, help="The thicker end is the base.")

@@ -9,6 +9,7 @@ import click
 
 from featherfx.cli.options import (
     FRAMES,
+    WholeNumber,
     jobs_option,
     options_of,
     output_option,
@@ -47,13 +48,13 @@ from featherfx.render.options import PictureOptions
 @click.option("--frames", "span", type=FRAMES, help="First and last frame to draw.")
 @click.option(
     "--sheet",
-    type=click.IntRange(1, MAX_SHEET),
+    type=WholeNumber(1, MAX_SHEET),
     metavar="N",
     help="Contact sheet of N frames spread over the file, or of those of --frame.",
 )
 @click.option(
     "--turntable",
-    type=click.IntRange(1, MAX_SHEET),
+    type=WholeNumber(1, MAX_SHEET),
     metavar="N",
     help="N views around the upright axis.",
 )

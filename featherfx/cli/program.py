@@ -163,8 +163,20 @@ class Command(_WithExamples):
         self.params += [_log_option(), _verbose_option()]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """As always, but of what says which part is meant the last does not count silently."""
-        _, _, order = self.make_parser(ctx).parse_args(args=list(args))
+        """As always, but of what says which part is meant the last does not count silently, and an
+        option that is a key of shots is named as such."""
+        try:
+            _, _, order = self.make_parser(ctx).parse_args(args=list(args))
+        except click.NoSuchOption as error:
+            from featherfx.shot.read.keys import SHOT_FILE
+
+            key = error.option_name.lstrip("-").replace("-", "_")
+            if key in SHOT_FILE.keys:
+                told = (
+                    f"No such option {error.option_name}: {key} is a key of shots. Write it there."
+                )
+                raise click.UsageError(told, ctx) from error
+            raise
         for param in order:
             if getattr(param.type, "once", False) and order.count(param) > 1:
                 name = param.opts[-1]

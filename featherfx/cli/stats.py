@@ -11,6 +11,8 @@ from featherfx.baking import pipeline
 from featherfx.baking.options import TRIAL_SECONDS
 from featherfx.cli.lab.show import plain
 from featherfx.cli.options import (
+    RealNumber,
+    WholeNumber,
     default_jobs,
     jobs_option,
     json_option,
@@ -40,7 +42,7 @@ from featherfx.errors import as_figure
 @click.option(
     "--seconds",
     "budget",
-    type=click.FloatRange(0.1, 3600.0),
+    type=RealNumber(0.1, 3600.0),
     help="CPU time for reading and for trying a part of the shot, without compiling, from which the"
     f" rest is predicted; more is surer.  [default: {TRIAL_SECONDS:g}, or a sixth of the bake's, up"
     " to a minute]",
@@ -139,7 +141,7 @@ def _bake_lines(bake: dict[str, Any]) -> list[str]:
 @click.argument("file", metavar="SHOT", type=readable_path())
 @click.option(
     "--feathers",
-    type=click.IntRange(1, 100),
+    type=WholeNumber(1, 100),
     default=4,
     show_default=True,
     help="How many to look at; more are surer and take longer.",

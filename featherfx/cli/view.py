@@ -13,6 +13,7 @@ import click
 
 from featherfx.baking import pipeline
 from featherfx.cli.options import (
+    RealNumber,
     default_jobs,
     overwrite_option,
     presets_option,
@@ -64,7 +65,7 @@ _QUALITY = "draft"
 )
 @click.option(
     "--megabytes",
-    type=click.FloatRange(0.1, 10_000.0),
+    type=RealNumber(0.1, 10_000.0),
     default=64.0,
     show_default=True,
     help="Most data that the page gets: with --html all frames, before they are packed; else one"

@@ -20,7 +20,7 @@ from typing import Any
 
 from featherfx._version import __version__
 from featherfx.baking.bake import store_report
-from featherfx.baking.options import BakeOptions, takes
+from featherfx.baking.options import BakeOptions, make_options, takes
 from featherfx.baking.task import check_report
 from featherfx.errors import InputError, Problem, SimulationError
 from featherfx.farm.cluster import opened
@@ -44,6 +44,7 @@ from featherfx.files.atomic_write import Lock, standing
 from featherfx.files.content import program_digest
 from featherfx.files.disk_cache import keep, kept_before
 from featherfx.groom.presets.folders import SHIPPED_PRESETS, own_folders
+from featherfx.phases import Progress, listener_of
 from featherfx.usd.types import BUSY_MESSAGE, OutputError
 from featherfx.usd.write.unfinished_cache import lock_file
 
@@ -406,13 +407,13 @@ def read_share_times(shot: Path, sizes: Sequence[int]) -> list[float]:
 
 @takes(BakeOptions)
 def bake_many(
-    shots: Sequence[str | Path],
+    shots: Sequence[str | Path] | str | Path,
     output: str | Path = ".",
     *,
     scheduler: str | None = None,
     workers: int | None = None,
     shares: int | None = None,
-    on_frame: Callable[[float, float], None] | None = None,
+    progress: Progress = False,
     **options: Any,
 ) -> dict[str, Any]:
     """Bake shots by workers of a Dask cluster, each with the bytes of a bake by itself, and return
@@ -422,16 +423,19 @@ def bake_many(
     for one shot also a USD file. scheduler: address of one that is there; None: a cluster of
     processes of this machine is started, and ends with the job. workers: its processes, by default
     one for each core; of a scheduler, how many to wait for (default 1). shares: into how many each
-    shot is cut, by default about two for each worker. on_frame: called with the frames done of all
-    shots and their number. options: fields of featherfx.baking.options.BakeOptions; jobs are the
-    threads of each worker. Workers need the same paths for shots, what these name, and the output
-    (docs/farm.md). What goes on is told to the logger "featherfx.farm".
+    shot is cut, by default about two for each worker. progress: True for lines on stderr, or a
+    function of the frames done of all shots and their number. options: fields of
+    featherfx.baking.options.BakeOptions; jobs are the threads of each worker. Workers need the same
+    paths for shots, what these name, and the output (docs/farm.md). What goes on is told to the
+    logger "featherfx.farm".
 
     Raises InputError with all that is wrong with any shot before any work; afterwards, with the
     shots that could not be baked, when all others are done. Needs the extra "dask".
     """
     begin = time.perf_counter()
-    chosen = BakeOptions(**options)
+    chosen = make_options(BakeOptions, options)
+    notify = listener_of(progress, "frames")
+    shots = [shots] if isinstance(shots, str | Path) else shots
     if not shots or chosen.feathers is not None:
         what = (
             "no shot is given. Name a shot"
@@ -449,7 +453,7 @@ def bake_many(
     given = asdict(replace(chosen, preset_folders=folders, report=None))
     with opened(scheduler, workers) as engine, _made(None if outputs == [where] else where):
         starting = time.perf_counter() - begin
-        job = Job(paths, outputs, given, engine, shares, on_frame or (lambda done, total: None))
+        job = Job(paths, outputs, given, engine, shares, notify or (lambda done, total: None))
         told, count = job.run(), engine.workers
         parts = {"starting": starting, **job.seconds()}
     seconds = time.perf_counter() - begin

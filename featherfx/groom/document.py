@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from featherfx.errors import InputError, Problem
+from featherfx.errors import InputError, Problem, require_type
 from featherfx.provenance import StageRead
 
 # source of tables that no file holds
@@ -48,8 +48,10 @@ class Document:
 
     def with_overrides(self, changes: Mapping[str, Mapping[str, Any]]) -> Document:
         """Return it with [overrides] that come after its own. Keys of changes may be dotted."""
+        require_type("changes", changes, Mapping, '{"PATTERN": {"KEY": VALUE}}')
         found = dict(self.tables.get("overrides", {}))
         for pattern, values in changes.items():
+            require_type(f"changes[{pattern!r}]", values, Mapping, "a dict of keys and values")
             found[pattern] = merge_tables(found.pop(pattern, {}), _nested(values))
         return self.with_tables({"overrides": found})
 
@@ -108,6 +110,7 @@ class Documented:
 
         folder: from which the names of files are seen. Raises InputError with all problems.
         """
+        require_type("tables", tables, Mapping, "a dict of the keys of the file")
         empty = Document(cls.document_kind, {}, Path(folder) / _IN_MEMORY, preset_folders)
         found: Self = empty.with_tables(tables).read()
         return found

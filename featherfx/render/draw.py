@@ -153,6 +153,8 @@ def _font(size: float) -> Any:
 
 
 Picture = NDArray[np.uint8]
+# ordered dither of films with a palette, of 255: the 4 x 4 matrix of Bayer (1973)
+_DITHER = (np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]]) - 7.5) * 0.4
 
 
 def save(pictures: Sequence[Picture], before: Mapping[Path, Standing], rate: float) -> None:
@@ -181,10 +183,17 @@ def _png(path: Path, picture: Picture) -> None:
 
 
 def _gif(path: Path, pictures: Sequence[Picture], rate: float) -> None:
-    # one palette for all, else colours flicker
+    # one palette and one ordered dither for all, else colours flicker and nothing stays the same
     middle = Image.fromarray(pictures[len(pictures) // 2])
     palette = middle.quantize(256, dither=Image.Dither.NONE)
-    images = [Image.fromarray(each).quantize(palette=palette) for each in pictures]
+    height, width = middle.height, middle.width
+    repeats = (height // 4 + 1, width // 4 + 1, 1)
+    offset = np.tile(_DITHER[:, :, None], repeats)[:height, :width]
+    dithered = (np.clip(each + offset, 0.0, 255.0).astype(np.uint8) for each in pictures)
+    images = [
+        Image.fromarray(each).quantize(palette=palette, dither=Image.Dither.NONE)
+        for each in dithered
+    ]
     # GIF counts in hundredths of a second
     lasting = max(round(100 / rate), 2) * 10
     images[0].save(

@@ -11,6 +11,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array
 from featherfx.feather.types import Feather, RowPoints, turned
+from featherfx.groom.keys.problems import nearest
 from featherfx.mechanics.model import Gaps
 
 # feathers whose points are copied to be looked at in one call
@@ -101,6 +102,8 @@ class MeshPoints(Mapping[str, Array]):
         return {name: number for number, name in enumerate(self._frame.ids)}
 
     def __getitem__(self, name: str) -> Array:
+        if name not in self._numbers:
+            raise KeyError(f"no feather {name!r}, {nearest(str(name), self._numbers)}")
         number = self._numbers[name]
         surface = self._frame.feathers[number].surface
         return surface.points(getattr(self._frame.poses[number], self._part))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import numpy as np
 
 from featherfx.algebra.types import Array
+from featherfx.errors import require_type
 from featherfx.groom.document import Document, Documented
 from featherfx.groom.keys.preset import PRESET_FAMILIES, UNSCALED_CLOCK, Clock, Quality, Wind
 from featherfx.groom.keys.values import ArrayOf, Default, Number, Text, vector
@@ -530,6 +531,7 @@ class Shot(Documented):
 
     def with_quality(self, quality: str | Quality) -> Shot:
         """Return it at another quality, a preset's name or a value. Raises InputError."""
+        require_type("quality", quality, str | Quality, "a preset's name, or a Quality")
         if not isinstance(quality, str):
             return replace(self, quality=quality)
         from featherfx.groom.presets.presets import read_quality

@@ -40,7 +40,7 @@ def test_two_shots_on_a_cluster_have_the_bytes_of_single_bakes(tmp_path, caplog)
             scheduler=there.scheduler_address,
             workers=2,
             report=out / "report.json",
-            on_frame=lambda *done: told.append(done),
+            progress=lambda *done: told.append(done),
             **OPTIONS,
         )
     for shot in shots:
@@ -262,7 +262,7 @@ def test_two_jobs_to_one_output_do_not_meet(tmp_path, wing):
             begun.append(threading.Thread(target=second))
             begun[0].start()
 
-    featherfx.bake_many([shot], tmp_path, workers=2, shares=2, chunk=2, on_frame=begin)
+    featherfx.bake_many([shot], tmp_path, workers=2, shares=2, chunk=2, progress=begin)
     begun[0].join()
     assert (tmp_path / "wing.usdc").read_bytes() == expected
     assert len(refused) == 1

@@ -17,7 +17,7 @@ import numpy as np
 from featherfx.baking import corpus
 from featherfx.baking.pipeline import bake
 from featherfx.cli.lab.show import show
-from featherfx.cli.options import json_option, readable_path
+from featherfx.cli.options import WholeNumber, json_option, readable_path
 from featherfx.cli.program import Command, CommandGroup
 from featherfx.files.folders import shipped
 from featherfx.lab.measure import accuracy, plumage, program
@@ -99,7 +99,7 @@ def measure_scaling(preset: str) -> None:
 
 
 @measure.command("hooks", cls=Command)
-@click.argument("pairs", type=click.IntRange(min=1), default=100)
+@click.argument("pairs", type=WholeNumber(min=1), default=100)
 def measure_hooks(pairs: int) -> None:
     """Cost of hooks that may open, over that of closed ones, while none slips."""
     low, median, high = np.quantile(accuracy.hook_ratios(pairs), (0.25, 0.5, 0.75))
@@ -158,10 +158,10 @@ def _do(work: str) -> None:
 
 
 @measure.command("plumage", cls=Command)
-@click.argument("counts", type=click.IntRange(min=1), nargs=-1)
+@click.argument("counts", type=WholeNumber(min=1), nargs=-1)
 @click.option("--swan", is_flag=True, help="On a swan that moves, with guides.")
-@click.option("--frames", type=click.IntRange(min=2), default=5, show_default=True)
-@click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True)
+@click.option("--frames", type=WholeNumber(min=2), default=5, show_default=True)
+@click.option("--jobs", type=WholeNumber(min=1), default=1, show_default=True)
 @click.option("--as", "form", default="mesh", show_default=True, help="What is written.")
 @click.option(
     "-o",

@@ -13,7 +13,7 @@ from typing import Any
 import click
 
 from featherfx._version import __version__
-from featherfx.cli.options import json_option, output_option
+from featherfx.cli.options import WholeNumber, json_option, output_option
 from featherfx.cli.program import Command
 from featherfx.errors import InputError, Problem
 from featherfx.lab.studies import report as pages
@@ -55,7 +55,7 @@ from featherfx.lab.studies.study import Study, studies
 @json_option("All numbers as one JSON object.")
 @click.option(
     "--jobs",
-    type=click.IntRange(min=1),
+    type=WholeNumber(min=1),
     help="Studies run at a time; the numbers do not depend on it.  [default: all cores]",
 )
 def report(

@@ -6,7 +6,7 @@ between landmarks, so they fit any skin. What a bird becomes are tables of a gro
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -84,7 +84,9 @@ def hatch(
     stays = "right_wing" not in points and entry["fold"] == 1.0 and not entry["opens"]
     wing = shut(wing) if stays else wing
     tail = _tail(entry, kind["tail"], points, axes, scale) if kind["tail"]["count"] else None
-    skin = _skin(parts["skin"], place, read, points["tail"], axes)
+    skin = _skin(parts["skin"], place, read, points["tail"], axes, entry["bare"])
+    if len(place.problems):
+        return {}
     if skin is not None:
         check_on_skin(points, skin.corners, at.child("landmarks"))
     body = skin if skin is None or tail is None else _with_tail(skin, tail)
@@ -140,14 +142,21 @@ def _skin(
     read: SkinsReader | None,
     middle: Array,
     axes: Array,
+    bare: Sequence[dict[str, Any]],
 ) -> Body | None:
-    """The skin, as what things lie on; None without a reader, or after problems."""
+    """The skin, as what things lie on; None without a reader, or after problems.
+
+    bare: rules of [bird], whose maps the skin must have.
+    """
     if read is None or skin is INVALID:
         return None
     with place.problems.collecting():
         at = place.child("skin")
         found = read(skin, {skin["prim"]: at.child("prim")}, Path(place.source).parent, at)
-        source = found[skin["prim"]]
+        source, rules = found[skin["prim"]], place.child("bird.bare")
+        for number, rule in enumerate(bare):
+            if rule["primvar"] is not None:
+                source.weights(rule["primvar"], rules.item(number).child("primvar"))
         return Body(source.points[source.triangles], axes, middle)
     return None
 

@@ -15,6 +15,8 @@ Points = dict[str, Array]
 _FARTHEST = 1.5
 # of that way, that a landmark may be off the skin: joints lie within it; by eye
 _OFF = 0.25
+# median distances from the median landmark, that one may be away from it: another unit is farther
+_STRAY = 20.0
 # axes (forward, left, up) along which a landmark has to be ahead of another
 _AHEAD = (
     (1, "left_shoulder", "right_shoulder"),
@@ -39,6 +41,7 @@ def axes_of(points: Points, up: tuple[float, ...], place: Place) -> Array:
     """(3, 3) forward along the trunk, left and up. Raises InputError."""
     _check_pairs(points, place)
     flat = _single(points)
+    _refuse_strays(flat, place)
     size = max(distance(points, "beak", "tail"), 1e-9)
     for k, (name, point) in enumerate(flat):
         for other, there in flat[:k]:
@@ -56,6 +59,16 @@ def axes_of(points: Points, up: tuple[float, ...], place: Place) -> Array:
             place.child(name).refuse(f"{told}. Move it within {_FARTHEST:g} times that")
     _check_order(points, axes, place)
     return axes
+
+
+def _refuse_strays(flat: list[tuple[str, Array]], place: Place) -> None:
+    """Raise InputError for a landmark in another unit than the others."""
+    every = np.array([point for _, point in flat])
+    away = np.linalg.norm(every - np.median(every, axis=0), axis=1)
+    near = float(np.median(away))
+    if away.max() > _STRAY * near:
+        told = f"is {away.max():.3g} m from the middle of the landmarks, most within {near:.3g} m"
+        place.child(flat[int(away.argmax())][0]).refuse(f"{told}. Give all in one unit")
 
 
 def _single(points: Points) -> list[tuple[str, Array]]:
@@ -97,5 +110,9 @@ def check_on_skin(points: Points, corners: Array, place: Place) -> None:
     away = np.linalg.norm(np.einsum("nk,nkc->nc", weights, corners[triangle]) - places, axis=1)
     worst = int(np.argmax(away))
     if away[worst] > most:
-        told = f"is {away[worst]:.3g} m off the skin. Move it within {most:.3g} m, a quarter of"
-        place.child(flat[worst][0]).refuse(f"{told} the way from beak to tail")
+        size = float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)))
+        told = (
+            f"is {away[worst]:.3g} m off the skin, whose box has a diagonal of {size:.3g} m. Give"
+        )
+        told += f" it in the same unit, within {most:.3g} m, a quarter of the way from beak to tail"
+        place.child(flat[worst][0]).refuse(told)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import difflib
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
 from featherfx.errors import InputError, Problem
@@ -79,11 +79,15 @@ class Problems:
 
 @dataclass(frozen=True)
 class Place:
-    """Place of a value: a file, a dotted key, and the list that takes its problems."""
+    """Place of a value: a file, a dotted key, and the list that takes its problems.
+
+    around: keys of the table that holds this one, by name.
+    """
 
     source: str
     key: str
     problems: Problems
+    around: Mapping[str, Any] = field(default_factory=dict, compare=False)
 
     def child(self, name: str) -> Place:
         """The place of a key below this one (itself for an empty name)."""

@@ -11,7 +11,7 @@ import math
 import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from importlib import import_module
 from types import SimpleNamespace
@@ -343,7 +343,8 @@ class Table:
         for name, each in value.items():
             at = place.child(name)
             if name in self.keys:
-                result[name] = self.keys[name].type.check(each, at, partial)
+                inner = replace(at, around=self.keys)
+                result[name] = self.keys[name].type.check(each, inner, partial)
             elif old := explain_old_key(at.key, self.keys):
                 result[name] = at.fail(old.message)
                 replacing = self.keys.get(old.new)
@@ -351,7 +352,8 @@ class Table:
                     required = replacing.default is REQUIRED
                     result[old.new] = INVALID if required else replacing.default
             else:
-                result[name] = at.unknown_key(self.keys, _keys_below(self.keys, name))
+                below = _keys_below(self.keys, name) or _keys_below(place.around, name)
+                result[name] = at.unknown_key(self.keys, below)
         for name, key in self.keys.items() if not partial else ():
             if name in result:
                 continue

@@ -169,7 +169,8 @@ class Library:
             if name not in table.keys:
                 source = value.source if isinstance(value, Sourced) else place.source
                 message = f"does not apply to a {table.title}"
-                problems.add(source, place.child(name).key, message)
+                known = problems.nearest(name, table.keys)
+                problems.add(source, place.child(name).key, f"{message}, {known}")
         for name, key in table.keys.items():
             with problems.collecting():
                 result[name] = self._finish_key(key, tree.get(name), place.child(name))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import re
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
@@ -14,6 +15,7 @@ import numpy as np
 
 from featherfx.algebra.rotation import about_x
 from featherfx.algebra.types import Array
+from featherfx.errors import InputWarning
 from featherfx.groom.keys.groom import GROOM_FILE
 from featherfx.groom.keys.problems import INVALID, MAX_REPORTED, Place, Problems
 from featherfx.groom.presets.kind_store import KindStore
@@ -47,6 +49,8 @@ _WILD = re.compile(r"[*?[]")  # what makes a pattern more than an id
 # of [variation], what is drawn besides size, width, camber and roll
 _MATTER = ("barb_angle", "modulus_across_barbs", "modulus_along_barbs", "thickness")
 _MULTIPLIED = ("scale", "width", "stiffness", "weight")
+# lengths of the longest feather, that roots and joints may be apart; in another unit they are
+_MAX_SPREAD = 50.0
 _SIDES = {"left": 1, "right": -1, "middle": 0}
 
 
@@ -126,7 +130,9 @@ def groom_of(
         from featherfx.groom.anatomy.grown import grow_limbs
 
         limb_drafts, limb_joints = grow_limbs(parts, store, library, space)
-    joints = _joints(parts["joint"], limb_joints, space)
+    # of a wrong joint, what names it has no fault
+    has_all_joints = len(parts["joint"]) == len(_list(raw, "joint"))
+    joints = _joints(parts["joint"], limb_joints, space, has_all_joints)
     region_drafts: tuple[Draft, ...] = ()
     skin: Array | None = None
     if raw.get("region") or parts["region"]:
@@ -154,12 +160,13 @@ def groom_of(
         wanted = {pattern: bool(fnmatch.filter(missed, pattern)) for pattern in rules}
         drafts = _overridden(rules, drafts, at.child("overrides"), store, wanted)
     _check_ids(drafts)
-    if len(parts["joint"]) == len(_list(raw, "joint")):  # a wrong joint is missed by none
+    if has_all_joints:
         _check_joints(drafts, joints)
     name = raw.get("name")
     if not isinstance(name, str):
         return None
     placements = _placements(parts["variation"], drafts, store)
+    _warn_of_units(placements, joints, place)
     inputs = library.said | told(raw, path.parent)
     laid = parts["layout"]
     layout = None if laid is None or laid is INVALID else Layout(**laid)
@@ -221,8 +228,9 @@ def _joints(
     entries: list[tuple[Place, dict[str, Any]]],
     grown: Sequence[tuple[Joint, Place]],
     space: Space,
+    has_all: bool,
 ) -> tuple[Joint, ...]:
-    """Those written, then those of wings and the like."""
+    """Those written, then those of wings and the like. has_all: whether none was left out."""
     found: dict[str, tuple[Joint, Place]] = {}
     written = [(each, at) for at, entry in entries for each in _joint_pair(entry, at, space)]
     for joint, at in [*written, *grown]:
@@ -233,7 +241,7 @@ def _joints(
     faulty = set()
     for joint, at in found.values():
         # a mirror image repeats the mistake of what is written
-        if joint.parent and joint.parent not in found and at.key not in faulty:
+        if has_all and joint.parent and joint.parent not in found and at.key not in faulty:
             faulty.add(at.key)
             at.child("parent").unknown(f"no joint '{joint.parent}'", joint.parent, found)
     parents = {name: joint.parent for name, (joint, _) in found.items()}
@@ -241,7 +249,11 @@ def _joints(
         names = [*cycle, cycle[0]]
         if len(names) > MAX_REPORTED:
             names[MAX_REPORTED - 1 : -1] = ["..."]
-        found[cycle[0]][1].child("parent").fail("joint cycle: " + " -> ".join(names))
+        at = found[cycle[0]][1]
+        if at.key not in faulty:
+            faulty.add(at.key)
+            told = f"joint cycle: {' -> '.join(names)}. Give one of them another parent"
+            at.child("parent").fail(told)
     return tuple(joint for joint, _ in found.values())
 
 
@@ -359,11 +371,30 @@ def _check_joints(drafts: list[Draft], joints: tuple[Joint, ...]) -> None:
     names = {joint.name for joint in joints}
     reported = set()
     for draft in drafts:
-        where = (draft.joint, draft.place.source, draft.place.key.partition(" ")[0])
+        where = (draft.place.source, draft.place.key.partition(" ")[0])
         if draft.joint and draft.joint not in names and where not in reported:
             reported.add(where)
             at = draft.place.child("joint")
             at.unknown(f"no joint '{draft.joint}'", draft.joint, names)
+
+
+def _warn_of_units(placements: Sequence[Placement], joints: Sequence[Joint], place: Place) -> None:
+    """Warn of a root or joint that is farther from the others than any animal has it."""
+    if not placements:
+        return
+    roots = np.array([each.position for each in placements])
+    names = [f"'{each.id}'" for each in placements] + [f"joint '{each.name}'" for each in joints]
+    places = np.concatenate([roots, *([each.position] for each in joints)])
+    away = np.linalg.norm(places - np.median(roots, axis=0), axis=1)
+    worst, longest = int(np.argmax(away)), max(each.kind.length for each in placements)
+    if away[worst] > _MAX_SPREAD * longest:
+        warnings.warn(
+            f"{place.source}: {names[worst]} is {away[worst]:.3g} m from the middle of the roots,"
+            f" and the longest feather has {longest:.3g} m. Positions are in metres unless [space]"
+            " says otherwise",
+            InputWarning,
+            stacklevel=2,
+        )
 
 
 def _drawn(spread: dict[str, Any], drafts: list[Draft]) -> Array:

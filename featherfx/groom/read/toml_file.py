@@ -18,6 +18,16 @@ _POSITION = re.compile(r"^(?P<what>.*) \(at (?P<where>.*)\)$", re.DOTALL)
 # keys such as a.b.c with too many parts: tomllib takes the square of their number
 _PART = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
 _DEEP_KEY = re.compile(rf"(?m)(?:^[ \t\[]*|[{{,]\s*){_PART}(?:\.[ \t]*{_PART}){{{MAX_NESTING},}}")
+# parts of tomllib's messages, and what to do
+_ADVICE = {
+    "Invalid value": "Put texts in quotes; numbers have a point, booleans are true and false",
+    "Expected newline or end of document": "Write one key a line; numbers have a point, no comma",
+    "Cannot declare": "Write the table once, or an array of tables in [[ ]]",
+    "Cannot overwrite": "Write the key once",
+    "Unclosed": "Close the bracket",
+    "Illegal character": "Close the quotes",
+    "Unterminated": "Close the quotes",
+}
 _TOO_DEEP = f"tables and arrays are nested deeper than {MAX_NESTING}"
 
 
@@ -36,8 +46,9 @@ def load_toml(path: Path, label: str = "") -> dict[str, Any]:
         fault = f"is not UTF-8 text (byte {error.start})"
     except tomllib.TOMLDecodeError as error:
         match = _POSITION.match(str(error))
-        text = f"{match['where']}: {match['what']}" if match else str(error)
-        fault = f"not valid TOML, {text}"
+        what, where = (match["what"], f"{match['where']}: ") if match else (str(error), "")
+        advice = next((f". {each}" for part, each in _ADVICE.items() if part in what), "")
+        fault = f"not valid TOML, {where}{what}{advice}"
     except _Unfit as error:
         fault = str(error)
     except ValueError as error:  # integers beyond Python's limits

@@ -53,4 +53,6 @@ class Checkpoint:
                 stages = {name: under(f"{name}/", file) for name in names}
                 return Checkpoint(int(file["index"]), states, starts, stages, file["wanted"])
         except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
-            raise InputError(Problem(str(path), "", f"is no checkpoint: {error}")) from error
+            raise InputError(
+                Problem(str(path), "", "is no checkpoint. Give a file that Checkpoint.save wrote")
+            ) from error

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,8 @@ from scipy.interpolate import PchipInterpolator
 
 from featherfx.algebra.types import Array, Floats
 from featherfx.algebra.vectors import unit
-from featherfx.errors import InputError, Problem, as_figure
-from featherfx.phases import counted
+from featherfx.errors import InputError, Problem, as_figure, require_type
+from featherfx.phases import Progress, counted, tells_progress
 from featherfx.usd.arrays import vec3f
 from featherfx.usd.convert.merge import begin_export, copy_layer, flatten_stage
 from featherfx.usd.types import (
@@ -143,6 +144,7 @@ def map_loop(frames: int, range_: tuple[float, float]) -> TimeMap:
     return TimeMap(int(first), int(first) + frames, parts)
 
 
+@tells_progress
 def retime(
     path: str | Path,
     output: str | Path,
@@ -151,6 +153,7 @@ def retime(
     keys: Sequence[tuple[float, float]] | None = None,
     loop: int | None = None,
     overwrite: bool = False,
+    progress: Progress = False,
 ) -> Path:
     """Write a cache in another time as one plain USD file, a sample at each whole frame.
 
@@ -158,11 +161,14 @@ def retime(
     of a new and an old frame, through which time passes smoothly, backwards as well; loop, number
     of frames at the cache's end that become a loop, of which the last is the first. Velocities,
     accelerations and extents are those of the new motion; what is constant stays. The samples of
-    both are in memory. Raises InputError where the cache cannot be read, the output not be written,
-    time not be mapped so, or roots not be where a loop needs them.
+    both are in memory. progress: as of featherfx.phases.tells_progress. Raises InputError where the
+    cache cannot be read, the output not be written, time not be mapped so, or roots not be where a
+    loop needs them.
     """
     if sum(each is not None for each in (speed, keys, loop)) != 1:
         raise InputError(Problem("retime", "", "takes one of speed, keys and loop"))
+    require_type("speed", speed, Real | None, "a number, such as 0.5 for slow motion")
+    require_type("loop", loop, Integral | None, "a whole number of frames")
     stage, written = begin_export(path, output, overwrite)
     range_ = stage.GetStartTimeCode(), stage.GetEndTimeCode()
     if not (stage.HasAuthoredTimeCodeRange() and range_[0] < range_[1]):

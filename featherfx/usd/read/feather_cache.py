@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from featherfx.algebra.types import Array, Floats, Indices
-from featherfx.errors import InputError, Problem
+from featherfx.errors import InputError, Problem, require_type
+from featherfx.groom.keys.problems import nearest
 from featherfx.usd.read.cache import Cache
 
 
@@ -45,6 +47,7 @@ class FeatherTrack:
         return None if found is None else found * np.float32(self._cache.meters_per_unit)
 
     def _refuse(self, frame: float | None) -> None:
+        require_type("frame", frame, Real | None, "a number, or None for the rest pose")
         first, last = self._cache.frames
         if frame is not None and not first <= frame <= last:
             message = f"{frame:g} is not in the cache. Give {first:g} to {last:g}"
@@ -91,6 +94,8 @@ class FeatherCache(Mapping[str, FeatherTrack]):
         return float(self._open.frames_per_second)
 
     def __getitem__(self, name: str) -> FeatherTrack:
+        if name not in self._numbers:
+            raise KeyError(f"no feather {name!r}, {nearest(str(name), self._numbers)}")
         feather = self._open.feathers[self._numbers[name]]
         return FeatherTrack(name, feather.kind, feather.region, self._open, self._numbers[name])
 
