@@ -60,7 +60,9 @@ def recipe(steps: list[Step], name: str) -> list[Step]:
 
 def images_of(page: Path) -> Iterator[Path]:
     """Return the files of the images that a page shows, from its own folder."""
-    for link in re.findall(r"!\[[^\]]*\]\(((?:docs/)?images/[^)]+)\)", page.read_text(encoding="utf-8")):
+    for link in re.findall(
+        r"!\[[^\]]*\]\(((?:docs/)?images/[^)]+)\)", page.read_text(encoding="utf-8")
+    ):
         yield page.parent / link
 
 

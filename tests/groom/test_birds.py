@@ -407,7 +407,7 @@ def test_sides_of_a_breast_are_as_the_breast_unless_the_type_says_otherwise(tmp_
         (
             "^beak = .*",
             "beak = [1.66, 0, 0.272]",
-            "landmarks.beak: is 1.49 m off the skin. Move it within 0.45 m",
+            "landmarks.beak: is 1.49 m off the skin, whose box has a diagonal of",
         ),
         (r"\[skin\]\nusd.*\nprim.*", "", "bird: stands without [skin]"),
         (

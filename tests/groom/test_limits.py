@@ -76,12 +76,12 @@ def test_a_cycle_of_joints_is_told_once(tmp_path: Path) -> None:
     text = joint("tail", "a") + joint("a", "b") + joint("b", "c") + joint("c", "a")
     problems = found(tmp_path, text + joint("own", "own") + FEATHER)
     assert problems == [
-        "groom.toml: joint[1].parent: joint cycle: a -> b -> c -> a",
-        "groom.toml: joint[4].parent: joint cycle: own -> own",
+        "groom.toml: joint[1].parent: joint cycle: a -> b -> c -> a. Give one of them another parent",
+        "groom.toml: joint[4].parent: joint cycle: own -> own. Give one of them another parent",
     ]
     many = "".join(joint(f"j{i}", f"j{(i + 1) % 4000}") for i in range(4000))
     (problem,) = found(tmp_path, many + FEATHER)
-    assert problem.endswith(" -> ... -> j0")
+    assert problem.endswith(" -> ... -> j0. Give one of them another parent")
     assert len(problem) < 300
 
 

@@ -53,6 +53,6 @@ class Checkpoint:
                 stages = {name: under(f"{name}/", file) for name in names}
                 return Checkpoint(int(file["index"]), states, starts, stages, file["wanted"])
         except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
-            raise InputError(
-                Problem(str(path), "", "is no checkpoint. Give a file that Checkpoint.save wrote")
-            ) from error
+            lacks = f": {error}" if isinstance(error, KeyError) else ""
+            told = f"is no checkpoint{lacks}. Give a file that Checkpoint.save wrote"
+            raise InputError(Problem(str(path), "", told)) from error

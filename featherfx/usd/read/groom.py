@@ -79,7 +79,7 @@ def read_feathers(
                 feathers += _read_prim(scene, prim, entry, at_file)
     problems.hand_on()
     if not feathers:
-        nothing = f"{path}: no feather (curves or instances) at {', '.join(paths)} or below"
+        nothing = f"{path}: no curves and no instances at {', '.join(paths)} or below"
         there = describe_prims(scene, ("curves", "instancer"), paths[0])
         hidden = "".join(f". {each.path} {each.reason}" for each in left[:1])
         at.refuse(nothing + hidden + there + describe_broken(scene))
