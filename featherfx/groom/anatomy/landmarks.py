@@ -16,7 +16,7 @@ _FARTHEST = 1.5
 # of that way, that a landmark may be off the skin: joints lie within it; by eye
 _OFF = 0.25
 # median distances from the median landmark, that one may be away from it: another unit is farther
-_STRAY = 20.0
+_STRAY = 50.0
 # axes (forward, left, up) along which a landmark has to be ahead of another
 _AHEAD = (
     (1, "left_shoulder", "right_shoulder"),
