@@ -259,7 +259,7 @@ def _local(distributed: Any, workers: int, folder: str) -> Iterator[Callable[[],
             try:
                 return stack.enter_context(starting.result())
             except (RuntimeError, OSError) as error:
-                message = f"no process of this machine starts ({error}). Use --engine local; in a"
+                message = f"no process of this machine starts ({error}). Use --engine local. In a"
                 message += " script, call bake_many below if __name__ == '__main__'"
                 raise InputError(Problem("engine dask", "", message)) from error
 
