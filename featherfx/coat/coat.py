@@ -17,6 +17,7 @@ from featherfx.coat.fields import (
     Fields,
     Follicles,
     find_headings,
+    find_tilts,
     make_coat_mesh,
     make_fields,
     slope_of_leaf,
@@ -29,7 +30,15 @@ from featherfx.coat.leaf_kernels import (
     draw_feathers,
     find_bases,
 )
-from featherfx.coat.ties import find_gaps, find_overlaps, fit_ties
+from featherfx.coat.ties import (
+    Overlaps,
+    StackedLeaves,
+    find_gaps,
+    find_overlaps,
+    fit_ties,
+    limit_lifts,
+    limit_rolls,
+)
 from featherfx.errors import count_feathers
 from featherfx.files.background import count_cores
 
@@ -49,8 +58,9 @@ class Coat:
 
     mesh: the skin. rest: its carrier at rest. fields: at its vertices. triangle: (F,) and place:
     (F, 3) barycentric, of the follicles; heading: (F, 2) of the rachises, by the sides of their
-    triangles from its first corner. values: (F,) m, p. depths: (F,) m, of the follicles under
-    their leaves.
+    triangles from its first corner. values: (F,) m, p. depths: (F,) m, of the follicles
+    under their leaves. deviations: (F, 2) m and rad, by which each tip is lifted
+    besides, and roll; as far as there is room once it is stacked.
     """
 
     mesh: CoatMesh
@@ -60,13 +70,15 @@ class Coat:
     heading: Array
     values: Array
     depths: Array
+    deviations: Array
 
     def roots(self, carrier: Carrier) -> RootArrays:
         """The follicles on the carrier in a pose."""
         sides = _sides(carrier, self.mesh, self.follicles.triangle)
         ways = unit(np.einsum("fij,fj->fi", sides, self.heading))
-        own = self.follicles
-        return RootArrays(own.triangle, own.place, ways, self.values, self.depths)
+        own, (lift, roll) = self.follicles, self.deviations.T
+        value = np.stack([self.values, lift], axis=1)
+        return RootArrays(own.triangle, own.place, ways, value, self.depths, roll)
 
     def arrays(self, carrier: Carrier, lift: Array | None = None) -> CarrierArrays:
         """The carrier in a pose as kernels take it. lift: (V, 2) m, a and b besides the coat's
@@ -103,12 +115,14 @@ def grow_coat(
     """
     mesh = make_coat_mesh(points, faces, follicles)
     rest = pose_carrier(mesh, points)
+    tilts = find_tilts(mesh, rest, follicles)
     follicles = follicles._replace(heading=find_headings(mesh, rest, follicles))
-    fields = make_fields(mesh, rest, follicles, spacing)
+    fields = make_fields(mesh, rest, follicles, tilts[:, 0], spacing)
+    tilts[:, 0] -= follicles.corners(mesh, fields.rise)
     sides = np.linalg.pinv(_sides(rest, mesh, follicles.triangle))
     own = np.einsum("fij,fj->fi", sides, follicles.heading)
     values = follicles.corners(mesh, fields.phi)
-    coat = Coat(mesh, rest, fields, follicles, own, values, np.zeros(len(values)))
+    coat = Coat(mesh, rest, fields, follicles, own, values, np.zeros(len(values)), tilts)
     return replace(coat, depths=_find_depths(coat))
 
 
@@ -135,15 +149,28 @@ class StackReport:
 def stack(coat: Coat, footprints: PlaneForms) -> tuple[Coat, StackReport]:
     """Keep leaves that overlap a gap apart. footprints: of all feathers, on a coarse grid."""
     fields, faces = coat.fields, coat.mesh.faces
-    drawn = draw(coat, coat.rest, footprints)
+    drawn = draw(replace(coat, deviations=0.0 * coat.deviations), coat.rest, footprints)
     overlaps = find_overlaps(drawn, footprints.sunk > 0.0, fields.length[faces].mean(axis=1))
     vertex = faces[coat.follicles.triangle, coat.follicles.place.argmax(axis=1)]
     sagitta = _SAGITTA_SHARE * _find_bends(coat) * footprints.steps.max(axis=1) ** 2 / 8.0
     gaps = find_gaps(fields, vertex, overlaps, sagitta)
     gain = coat.follicles.corners(coat.mesh, fields.gain)
     found = fit_ties(coat.values, gain, gaps, overlaps)
-    stacked = replace(coat, values=found.values)
+    stacked = replace(coat, values=found.values, deviations=_deviate(coat, overlaps, found.values))
     return replace(stacked, depths=_find_depths(stacked)), StackReport(len(gaps), found.shares)
+
+
+def _deviate(coat: Coat, overlaps: Overlaps, values: Array) -> Array:
+    """Return (F, 2) m and rad, how feathers deviate from their leaves as far as these leave room.
+
+    values: (F,) m, stacked.
+    """
+    own, fields = coat.follicles, coat.fields
+    columns = fields.gain, fields.thickness, fields.steepness
+    stacked = StackedLeaves(values, *(own.corners(coat.mesh, each) for each in columns))
+    lift, roll = coat.deviations.T
+    found = limit_lifts(lift, stacked, overlaps), limit_rolls(roll, own.width, stacked, overlaps)
+    return np.stack(found, axis=1)
 
 
 def _find_bends(coat: Coat) -> Array:

@@ -40,6 +40,8 @@ _MIN_AGREEMENT = 0.7
 _ALONG = 0.15
 # least share of the weight where there is no flow, and relative hold of phi at 0
 _MIN_WEIGHT, _HOLD = 1e-3, 1e-9
+# of its length, that a tip rises by its tilt and lies as the coat's thickness has it
+_USUAL_RISE = 0.26
 # least growth of phi along the flow of feathers
 MIN_PACE = 0.2
 # steepness of leaves towards their tips: where the coat is sparse, and where it is dense
@@ -68,18 +70,18 @@ class Follicles(NamedTuple):
     """F follicles on a skin.
 
     triangle: (F,) and place: (F, 3) barycentric, on the skin. position: (F, 3) m. heading: (F, 3)
-    of the rachis. length, width: (F,) m, of the feather. depth: (F,) m, of the follicle under the
-    skin. lift: (F,) m, by which tips around stand higher.
+    and lateral: (F, 3) of the frame of the root. length, width: (F,) m, of the feather. depth: (F,)
+    m, of the follicle under the skin.
     """
 
     triangle: Indices
     place: Array
     position: Array
     heading: Array
+    lateral: Array
     length: Array
     width: Array
     depth: Array
-    lift: Array
 
     def corners(self, mesh: CoatMesh, values: Array) -> Array:
         """Interpolate values (V, ...) at the follicles."""
@@ -90,7 +92,7 @@ class Follicles(NamedTuple):
 class Fields(NamedTuple):
     """Fields at the V vertices of a skin.
 
-    phi, gain, thickness, lift, length: m. steepness: k of leaves. gap: in feather lengths.
+    phi, gain, thickness, lift, rise, length: m. steepness: k of leaves. gap: in feather lengths.
     strength: (T,) 0 to 1, how well headings around agree. growth: (F,) of phi along the heading at
     each follicle.
     """
@@ -99,6 +101,7 @@ class Fields(NamedTuple):
     gain: Array
     thickness: Array
     lift: Array
+    rise: Array
     steepness: Array
     gap: Array
     length: Array
@@ -146,6 +149,14 @@ class SkinMeans:
         return np.asarray((found.T / self.density).T)
 
 
+def find_tilts(mesh: CoatMesh, carrier: Carrier, follicles: Follicles) -> Array:
+    """Return (F, 2) m and rad, rise of tips over the smoothed skin by the tilts of their roots, and
+    rolls."""
+    normals = unit(follicles.corners(mesh, carrier.normals[:, :3]))
+    rise, side = (dots(each, normals) for each in (follicles.heading, follicles.lateral))
+    return np.stack([follicles.length * rise, np.arcsin(np.clip(side, -1.0, 1.0))], axis=1)
+
+
 def find_headings(mesh: CoatMesh, carrier: Carrier, follicles: Follicles) -> Array:
     """Return (F, 3) unit headings in the planes of the smoothed normals, which agree."""
     normals = unit(follicles.corners(mesh, carrier.normals[:, :3]))
@@ -168,12 +179,13 @@ def _find_reach(follicles: Follicles) -> float:
 
 
 def make_fields(
-    mesh: CoatMesh, carrier: Carrier, follicles: Follicles, spacing: CoatSpacing
+    mesh: CoatMesh, carrier: Carrier, follicles: Follicles, rise: Array, spacing: CoatSpacing
 ) -> Fields:
-    """Solve for the fields of a coat on its skin at rest. follicles: with headings that agree."""
+    """Solve for the fields of a coat on its skin at rest. follicles: with headings that agree.
+    rise: (F,) m, of tips by the tilts of roots."""
     faces, elements = mesh.faces, carrier.elements
     mean = SkinMeans(elements, faces, _find_reach(follicles), follicles)
-    length = mean(follicles.length)
+    length, rise = mean(np.stack([follicles.length, rise], axis=1)).T
     heading = follicles.heading
     flow = mean(heading)[faces].mean(axis=1)
     flow = flow - dots(flow, elements.normals)[:, None] * elements.normals
@@ -188,7 +200,8 @@ def make_fields(
         phi=phi,
         gain=length * pace,
         thickness=spacing.thickness * length,
-        lift=mean(follicles.lift),
+        lift=np.maximum(rise - _USUAL_RISE * length, 0.0),
+        rise=rise,
         steepness=steepness,
         gap=gap,
         length=length,

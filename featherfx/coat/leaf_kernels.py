@@ -2,10 +2,11 @@
 
 Leaf of the stacking value p, with n the smoothed normal over the foot x:
 
-    y = x + h n,   h = T (d + g(s)) + a w(s) + b,   s = (phi - p) / q
+    y = x + h n,   h = T (d + g(s)) + (a + c) w(s) + b,   s = (phi - p) / q
     g = (1 - exp(-k s)) / (1 - exp(-k)) for s > 0, and straight on below;   w = s^2 for s > 0
 
-x lies on the carrier rounded over its facets (Phong tessellation, Boubekeur and Alexa 2008). A line
+c is the lift of the feather's own tip. Its vane rolls about the rachis: a point beside that lies
+higher by its distance times the roll. x lies on the carrier rounded over its facets (Phong tessellation, Boubekeur and Alexa 2008). A line
 over the carrier keeps its direction in the plane of the smoothed normals, which turn steadily from
 triangle to triangle. A chord's line is drawn anew until the chord has its length.
 
@@ -60,13 +61,15 @@ class CarrierArrays(NamedTuple):
 
 class RootArrays(NamedTuple):
     """F follicles. triangle: (F,). place: (F, 3) barycentric. heading: (F, 3) unit, of the rachis
-    over the carrier. value: (F,) m, p. depth: (F,) m, of the follicle under its leaf."""
+    over the carrier. value: (F, 2) m, p and c. depth: (F,) m, of the follicle under its leaf. roll:
+    (F,) rad."""
 
     triangle: Indices
     place: Array
     heading: Array
     value: Array
     depth: Array
+    roll: Array
 
 
 class LeafArrays(NamedTuple):
@@ -179,14 +182,14 @@ def _round(carrier, triangle, b, x):
 
 
 @kernel
-def leaf_point(carrier, triangle, b, p):
-    """The point of leaf p over a foot, n, the gradient of h (3,) and s."""
+def leaf_point(carrier, triangle, b, leaf):
+    """The point of a leaf (p, c) over a foot, n, the gradient of h (3,) and s."""
     face = carrier.faces[triangle]
     normal = unit(_mixed(b, carrier.normals, face, 0))
     x = _round(carrier, triangle, b, _mixed(b, carrier.points, face, 0))
     phi, gain, thickness = _mixed(b, carrier.fields, face, 0)
     steepness, lift, base = _mixed(b, carrier.fields, face, 3)
-    s = (phi - p) / gain
+    s, lift = (phi - leaf[0]) / gain, lift + leaf[1]
     g, rate = _shape(s, steepness)
     ahead = max(s, 0.0)
     height = thickness * (DOWN_SHARE + g) + lift * ahead * ahead + base
@@ -216,7 +219,7 @@ def _turned(d, n, slope, angle):
 
 
 @kernel
-def _advance(carrier, foot, p, at, way, drop, least):
+def _advance(carrier, foot, leaf, at, way, drop, least):
     """Draw a chord of a length (m) from a point: the foot, point and s where it ends.
 
     foot: triangle, b, d, whether it is off the carrier, n, slope. drop: m, that the end lies under
@@ -228,7 +231,7 @@ def _advance(carrier, foot, p, at, way, drop, least):
         step = way / sqrt(1.0 + rise * rise)
         for _ in range(_CHORDS):
             there, c, e, left = trace(carrier, triangle, b, d, step)
-            point, m, up, t = leaf_point(carrier, there, c, p)
+            point, m, up, t = leaf_point(carrier, there, c, leaf)
             chord = sub(combined(1.0, point, -drop, m), at)
             gone = max(length(chord), _MIN_CHORD * way)
             step *= way / gone
@@ -248,18 +251,19 @@ def _note(drawn, f, i, column, point, foot):
 
 
 @kernel
-def _draw_barb(carrier, forms, f, i, side, foot, p, drawn):
+def _draw_barb(carrier, forms, f, i, side, foot, leaf, roll, drawn):
     """Draw a barb from its row's foot, whose d is that of the row's frame."""
     columns, at = forms.pieces.shape[3], drawn.nodes[f, i, 0]
     point, last, least = (at[0], at[1], at[2]), 0.0, foot[6] - _MAX_BARB_FALL
+    drop = 0.0
     for j in range(columns):
         column, piece = 1 + side * columns + j, forms.pieces[f, side, i, j]
         if piece > 0.0:
             angle = forms.angles[f, side, i, j]
             triangle, b, d, off, n, slope, s = foot
             foot = triangle, b, _turned(d, n, slope, angle - last), off, n, slope, s
-            last = angle
-            foot, point = _advance(carrier, foot, p, point, piece, 0.0, least)
+            last, drop = angle, drop - roll * piece * sin(angle)
+            foot, point = _advance(carrier, foot, leaf, point, piece, drop, least)
         _note(drawn, f, i, column, point, foot)
 
 
@@ -279,9 +283,10 @@ def draw_feathers(carrier, roots, forms, numbers, drawn, low, high):
     for f in range(low, high):
         r = numbers[f]
         place, heading = roots.place[r], roots.heading[r]
-        triangle, b, p = roots.triangle[r], (place[0], place[1], place[2]), roots.value[r]
+        triangle, b, roll = roots.triangle[r], (place[0], place[1], place[2]), roots.roll[r]
+        leaf = roots.value[r, 0], roots.value[r, 1]
         depth = roots.depth[r] if forms.sunk[f, 0] > 0.0 else 0.0
-        x, n, slope, s = leaf_point(carrier, triangle, b, p)
+        x, n, slope, s = leaf_point(carrier, triangle, b, leaf)
         d = unit(without((heading[0], heading[1], heading[2]), n))
         point = combined(1.0, x, -depth, n)
         foot, top = (triangle, b, d, False, n, slope, s), s
@@ -293,15 +298,16 @@ def draw_feathers(carrier, roots, forms, numbers, drawn, low, high):
             foot = triangle, b, d, off, n, slope, s
             tangent, normal = _lifted(d, n, slope)
             tangent, normal = _rising(tangent, normal, n, depth, forms.sunk[f, i], forms.bare[f])
-            store(drawn.directors[f, i, 0], cross(normal, tangent))
-            store(drawn.directors[f, i, 1], normal)
+            lateral = cross(normal, tangent)
+            store(drawn.directors[f, i, 0], combined(cos(roll), lateral, sin(roll), normal))
+            store(drawn.directors[f, i, 1], combined(cos(roll), normal, -sin(roll), lateral))
             for side in range(2):
-                _draw_barb(carrier, forms, f, i, side, foot, p, drawn)
+                _draw_barb(carrier, forms, f, i, side, foot, leaf, roll, drawn)
             if i + 1 < rows:
                 d = _turned(d, n, slope, forms.ahead[f, i])
                 foot, drop = (triangle, b, d, off, n, slope, s), depth * forms.sunk[f, i + 1]
                 way = forms.steps[f, i]
-                foot, point = _advance(carrier, foot, p, point, way, drop, top - _MAX_FALL)
+                foot, point = _advance(carrier, foot, leaf, point, way, drop, top - _MAX_FALL)
                 top = max(top, foot[6])
 
 
@@ -310,7 +316,7 @@ def find_bases(carrier, roots, points, normals):
     """Points of the leaves over their own follicles (F, 3), and normals n there (F, 3)."""
     for f in range(roots.triangle.shape[0]):
         place = roots.place[f]
-        b, p = (place[0], place[1], place[2]), roots.value[f]
-        point, normal, _, _ = leaf_point(carrier, roots.triangle[f], b, p)
+        b, leaf = (place[0], place[1], place[2]), (roots.value[f, 0], roots.value[f, 1])
+        point, normal, _, _ = leaf_point(carrier, roots.triangle[f], b, leaf)
         store(points[f], point)
         store(normals[f], normal)

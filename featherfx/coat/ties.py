@@ -6,6 +6,11 @@ values differ by
     (gap l + sagitta) q / (T g'(s))
 
 The sagitta is what chords of both grids cut off the carrier's curvature, kappa piece^2 / 4.
+What a feather deviates from its leaf takes a part of the room to those that it overlaps. A lift c
+at the tip grows with s^2, so under a feather that is earlier by D = (p - p') / q
+
+    c s^2 <= c' (s + D)^2 + part T g'(s + D) D
+
 Feathers overlap if nodes of both lie in one cell of a grid of cubes. In the order of phi each takes
 the value nearest to its own that is far enough from those before it (tie_kernels).
 """
@@ -25,6 +30,8 @@ from featherfx.coat.tie_kernels import count_pairs, fit_values
 _CELL = 0.1
 # of a feather's gain that its value may be earlier and later: later lays the base into the skin
 _MAX_EARLIER, _MAX_LATER = 0.35, 0.16
+# of the room between two leaves, that lifts of tips take, and the roll of either
+_LIFT_PART, _ROLL_PART = 0.3, 0.15
 _BITS = 19  # of a cube's number along an axis
 
 
@@ -115,3 +122,44 @@ def find_gaps(fields: Fields, at: Indices, overlaps: Overlaps, sagitta: Array) -
     room = mean(fields.gap * fields.length) + sagitta[own].sum(axis=1)
     rate = slope_of_leaf(overlaps.places, mean(fields.steepness)) * mean(fields.thickness)
     return np.asarray(room * mean(fields.gain) / rate)
+
+
+class StackedLeaves(NamedTuple):
+    """F leaves. values, gain, thickness: (F,) m, p, q and T. steepness: (F,) k."""
+
+    values: Array
+    gain: Array
+    thickness: Array
+    steepness: Array
+
+
+def _find_rooms(leaves: StackedLeaves, overlaps: Overlaps) -> tuple[Array, Array]:
+    """Return D and the room (m) between the leaves (K,) of each pair, where it is least."""
+    _, gain, thickness, steepness = (each[overlaps.pairs].mean(axis=1) for each in leaves)
+    apart = np.abs(np.diff(leaves.values[overlaps.pairs], axis=1))[:, 0] / gain
+    return apart, slope_of_leaf(overlaps.places, steepness) * thickness * apart
+
+
+def limit_lifts(wanted: Array, leaves: StackedLeaves, overlaps: Overlaps) -> Array:
+    """Return (F,) m, lifts of tips that keep leaves in order. wanted: (F,) m."""
+    apart, room = _find_rooms(leaves, overlaps)
+    own = np.maximum(overlaps.places - apart, _CELL)
+    swap = np.argsort(leaves.values[overlaps.pairs], axis=1)
+    upper, lower = np.take_along_axis(overlaps.pairs, swap, axis=1).T
+    order = np.argsort(leaves.values[lower], kind="stable")
+    columns = upper, lower, (1.0 + apart / own) ** 2, _LIFT_PART * room / own**2
+    found = np.maximum(wanted, 0.0).tolist()
+    # from the uppermost down
+    for above, below, ratio, most in zip(*(each[order].tolist() for each in columns), strict=True):
+        found[below] = min(found[below], ratio * found[above] + most)
+    return np.array(found)
+
+
+def limit_rolls(wanted: Array, width: Array, leaves: StackedLeaves, overlaps: Overlaps) -> Array:
+    """Return (F,) rad, rolls whose edges stay between the leaves around. wanted: (F,) rad. width:
+    (F,) m."""
+    _, room = _find_rooms(leaves, overlaps)
+    least = np.full(len(wanted), np.inf)
+    np.minimum.at(least, overlaps.pairs.ravel(), np.repeat(room, 2))
+    most = np.minimum(_ROLL_PART * least / (0.5 * width), np.abs(wanted))
+    return np.asarray(np.copysign(most, wanted))

@@ -17,7 +17,7 @@ import numpy as np
 
 from featherfx.algebra.surface_elements import weld
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.algebra.vectors import dots, face_products, unit
+from featherfx.algebra.vectors import dots
 from featherfx.coat.coat import Coat, StackReport, describe_doubts, draw, grow_coat, stack
 from featherfx.coat.fields import CoatSpacing, Follicles
 from featherfx.coat.forms import PlaneForms, make_plane_forms
@@ -37,7 +37,6 @@ _DEPTH = 0.6
 # of the gap between leaves, that a rachis is high in a vane
 _MAX_HEIGHT = 0.8
 _MAX_TURN = 60.0  # deg, that a feather turns to those around without a warning
-_USUAL_TILT = 15.0  # deg, up to which the coat lies as its thickness has it
 _FOOTPRINT = 11, 4  # rows and columns on which overlaps are found
 _FEATHERS_AT_ONCE = 2000  # that are drawn, to bound the memory
 
@@ -223,15 +222,16 @@ def _grow(groom: Groom, chosen: Sequence[Placement]) -> tuple[LaidCoat, PlaneFor
     covered = np.linalg.norm(foot - places, axis=1) > _MAX_DISTANCE * length
     places = np.where(covered[:, None], foot, places)
     kinds = [each.kind for each in chosen]
+    frames = np.stack([each.rotation for each in chosen])
     follicles = Follicles(
         triangle=triangle,
         place=place,
         position=places,
-        heading=np.stack([each.rotation[:, 0] for each in chosen]),
+        heading=frames[:, :, 0],
+        lateral=frames[:, :, 1],
         length=np.array([kind.length for kind in kinds]),
         width=np.array([kind.width for kind in kinds]),
         depth=_DEPTH * np.array([kind.rachis.diameter_base for kind in kinds]),
-        lift=np.where(covered, 0.0, _find_lifts(chosen, points[faces][triangle])),
     )
     forms = plane_forms(chosen, build_plane_feathers(chosen, *_FOOTPRINT))
     coat = grow_coat(points, faces, follicles, CoatSpacing(layout.thickness, layout.gap))
@@ -255,15 +255,6 @@ def _sew_tails(groom: Groom, points: Array, faces: Indices) -> tuple[Array, Indi
         shafts = nodes[length > _SHORTEST_OF_FAN * length.max(), :, 0]
         points, faces = sew_fan(points, faces, shafts, nodes.reshape(-1, 3))
     return points, faces
-
-
-def _find_lifts(chosen: Sequence[Placement], corners: Array) -> Array:
-    """Return (F,) m, by which tips stand higher because of the tilt that roots are placed with."""
-    normals = unit(face_products(corners))
-    heading = np.stack([each.rotation[:, 0] for each in chosen])
-    length = np.array([each.kind.length for each in chosen])
-    rise = dots(heading, normals)
-    return length * np.maximum(rise - np.sin(np.radians(_USUAL_TILT)), 0.0)
 
 
 def _describe_turns(laid: LaidCoat, chosen: Sequence[Placement]) -> list[str]:

@@ -115,9 +115,11 @@ def grow_regions(
 
 
 def _unbent(entry: dict[str, Any]) -> dict[str, Any]:
-    """A region whose feathers bend as their leaves do: few shapes in all."""
-    still = {"curl": 0.0, "follow": 0.0, "variation": {**entry["variation"], "curl": 0.0}}
-    return entry | still
+    """A region whose feathers bend as their leaves do: few shapes in all. A curl raises tips as a
+    tilt by half of it does, which the chord of an arc has."""
+    spread, tilt = entry["variation"], entry["tilt"] - 0.5 * entry["curl"]
+    spread = spread | {"curl": 0.0, "tilt": float(np.hypot(spread["tilt"], 0.5 * spread["curl"]))}
+    return entry | {"curl": 0.0, "follow": 0.0, "tilt": tilt, "variation": spread}
 
 
 def _region_drafts(

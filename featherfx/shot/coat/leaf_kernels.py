@@ -69,7 +69,7 @@ class ImageRoom(NamedTuple):
 def _leaf_frame(carrier, leaves, f, i, j):
     """Point of the leaf at a node's foot, the frame F there, and the leaf's normal."""
     b, t = leaves.weights[f, i, j], leaves.feet[f, i, j]
-    point, n, slope, _ = leaf_point(carrier, t, (b[0], b[1], b[2]), leaves.values[f])
+    point, n, slope, _ = leaf_point(carrier, t, (b[0], b[1], b[2]), (leaves.values[f], 0.0))
     face = carrier.faces[t]
     side = unit(without(sub(carrier.points[face[1]], carrier.points[face[0]]), n))
     return point, (side, cross(n, side), n), unit(sub(n, slope))
