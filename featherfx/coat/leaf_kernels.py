@@ -5,8 +5,10 @@ Leaf of the stacking value p, with n the smoothed normal over the foot x:
     y = x + h n,   h = T (d + g(s)) + (a + c) w(s) + b,   s = (phi - p) / q
     g = (1 - exp(-k s)) / (1 - exp(-k)) for s > 0, and straight on below;   w = s^2 for s > 0
 
-c is the lift of the feather's own tip. Its vane rolls about the rachis: a point beside that lies
-higher by its distance times the roll. x lies on the carrier rounded over its facets (Phong tessellation, Boubekeur and Alexa 2008). A line
+c lifts the feather's own tip. Its vane rolls about the rachis: a point beside that lies higher by
+its distance times the roll.
+
+x lies on the carrier rounded over its facets (Phong tessellation, Boubekeur and Alexa 2008). A line
 over the carrier keeps its direction in the plane of the smoothed normals, which turn steadily from
 triangle to triangle. A chord's line is drawn anew until the chord has its length.
 
@@ -251,8 +253,9 @@ def _note(drawn, f, i, column, point, foot):
 
 
 @kernel
-def _draw_barb(carrier, forms, f, i, side, foot, leaf, roll, drawn):
-    """Draw a barb from its row's foot, whose d is that of the row's frame."""
+def _draw_barb(carrier, forms, f, i, side, start, leaf, drawn):
+    """Draw a barb from its row's foot, whose d is that of the row's frame. start: foot, roll."""
+    foot, roll = start
     columns, at = forms.pieces.shape[3], drawn.nodes[f, i, 0]
     point, last, least = (at[0], at[1], at[2]), 0.0, foot[6] - _MAX_BARB_FALL
     drop = 0.0
@@ -302,7 +305,7 @@ def draw_feathers(carrier, roots, forms, numbers, drawn, low, high):
             store(drawn.directors[f, i, 0], combined(cos(roll), lateral, sin(roll), normal))
             store(drawn.directors[f, i, 1], combined(cos(roll), normal, -sin(roll), lateral))
             for side in range(2):
-                _draw_barb(carrier, forms, f, i, side, foot, leaf, roll, drawn)
+                _draw_barb(carrier, forms, f, i, side, (foot, roll), leaf, drawn)
             if i + 1 < rows:
                 d = _turned(d, n, slope, forms.ahead[f, i])
                 foot, drop = (triangle, b, d, off, n, slope, s), depth * forms.sunk[f, i + 1]

@@ -48,10 +48,10 @@ def follicles(points, faces, places, headings):
         place=place,
         position=np.einsum("fk,fkc->fc", place, points[faces][triangle]),
         heading=headings,
+        lateral=np.cross([0.0, 0.0, 1.0], headings),
         length=np.full(count, LENGTH),
         width=np.full(count, 0.4 * LENGTH),
         depth=np.full(count, 2e-4),
-        lift=np.zeros(count),
     )
 
 
@@ -169,6 +169,37 @@ def test_stacked_leaves_are_apart_where_feathers_overlap():
     least = (fields.gap * fields.length / rise).min()
     before, after = (np.abs(np.diff(v[pairs])).min() for v in (coat.values, stacked.values))
     assert before < 0.1 * least < least <= after
+
+
+@pytest.mark.parametrize("angle", [3.0, 15.0, 40.0])
+def test_feathers_deviate_as_far_as_their_leaves_have_room(angle):
+    """Tilts and rolls that differ at random keep every two that overlap in order, all along."""
+    points, faces = FLAT
+    x, y = (each.ravel() for each in np.mgrid[0.02:0.2:0.01, 0.02:0.1:0.01])
+    tilt, roll = np.radians(angle) * np.random.default_rng(8).normal(size=(2, len(x)))
+    tilt, roll = np.clip(tilt, -1.2, 1.2), np.clip(roll, -1.2, 1.2)
+    heading = np.stack([np.cos(tilt), 0.0 * tilt, np.sin(tilt)], axis=1)
+    places = np.stack([x, y, 0.0 * x], axis=1)
+    own = follicles(points, faces, places, heading)
+    side = np.stack([0.0 * roll, np.cos(roll), np.sin(roll)], axis=1)
+    coat, forms = grow_coat(points, faces, own._replace(lateral=side)), forms_of(len(x))
+    stacked, _ = stack(coat, forms)
+    lift, rolled = stacked.deviations.T
+    assert lift.max() > 0.0
+    assert (np.abs(rolled) <= np.abs(coat.deviations[:, 1])).all()
+    fields = coat.fields
+    flat = draw(replace(stacked, deviations=0.0 * stacked.deviations), coat.rest, forms)
+    size = fields.length[coat.mesh.faces].mean(axis=1)
+    overlaps = find_overlaps(flat, forms.sunk > 0.0, size)
+    swap = np.argsort(stacked.values[overlaps.pairs], axis=1)
+    upper, lower = np.take_along_axis(overlaps.pairs, swap, axis=1).T
+    apart = (stacked.values[lower] - stacked.values[upper]) / fields.gain.mean()
+    for part in np.linspace(0.3, 1.0, 8):
+        high = part * overlaps.places
+        low = np.maximum(high - apart, 0.0)
+        steep, thick = fields.steepness.mean(), fields.thickness.mean()
+        rise = thick * (np.exp(-steep * low) - np.exp(-steep * high)) / -np.expm1(-steep)
+        assert (rise + lift[upper] * high**2 - lift[lower] * low**2 > 0.5 * rise).all()
 
 
 def test_a_coat_goes_with_its_skin():
