@@ -125,12 +125,12 @@ DEFECTS = {
     "index out of range": (
         change(STILL, "faceVertexIndices", None, with_value(7, 36)),
         f"{STILL}.faceVertexIndices",
-        "first is 36. Give 0 to 35",
+        "36 is out of range. Give 0 to 35",
     ),
     "negative index": (
         change(STILL, "faceVertexIndices", None, with_value(7, -1)),
         f"{STILL}.faceVertexIndices",
-        "first is -1",
+        "-1 is out of range",
     ),
     "face counts": (
         change(STILL, "faceVertexCounts", None, lambda v: v[:-1]),

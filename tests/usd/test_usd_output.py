@@ -263,3 +263,43 @@ def test_long_texts_of_a_cache_are_kept_in_pieces_that_others_read(tmp_path, cou
     assert parse_table(told) == table
     pieces = [told] if isinstance(told, str) else [*told]
     assert max(map(len, pieces)) < 65_536
+
+
+READER = """
+import select, sys
+import numpy as np
+from pxr import Tf, Usd, UsdGeom
+print("begin", flush=True)
+seen, count = set(), 0
+while not select.select([sys.stdin], [], [], 0)[0]:
+    sizes, count = [], count + 1
+    try:
+        stage = Usd.Stage.Open(sys.argv[1])
+        for prim in Usd.PrimRange(stage.GetPseudoRoot()):
+            if prim.IsA(UsdGeom.Mesh):
+                points = UsdGeom.Mesh(prim).GetPointsAttr()
+                codes = points.GetTimeSamples() or [Usd.TimeCode.Default()]
+                sizes += [float(np.ptp(np.array(points.Get(code)))) for code in codes]
+        scale = UsdGeom.GetStageMetersPerUnit(stage)
+        seen.add(str([round(scale * each, 4) for each in sizes]))
+    except Tf.ErrorException as error:
+        seen.add(str(error))
+print(count, *seen, sep="\\n")
+"""
+
+
+@pytest.mark.parametrize("layout", ["flat", "payload", "clips"])
+def test_who_reads_while_bakes_write_sees_one_cache(tmp_path, layout):
+    """Two processes read the cache that bakes in other units replace, and measure lengths."""
+    path = tmp_path / "out.usda"
+    bake(path, layout=layout)
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    command = [sys.executable, "-c", READER, path]
+    readers = [subprocess.Popen(command, **pipes) for _ in range(2)]
+    assert [reader.stdout.readline() for reader in readers] == ["begin\n"] * 2
+    for unit in (0.01, 1.0) * 4:
+        bake(path, layout=layout, overwrite=True, meters_per_unit=unit)
+    for reader in readers:
+        count, *seen = reader.communicate("")[0].splitlines()
+        assert int(count) > 8
+        assert len(seen) == 1, seen

@@ -42,6 +42,7 @@ from featherfx.usd.read.values import (
     collect_errors,
     compute,
     describe_error,
+    describe_range,
     read_array,
     read_sized_array,
     read_targets,
@@ -247,7 +248,7 @@ def _instancer_problems(prim: Any) -> Iterator[tuple[str, str]]:
             yield "prototypes", f"names {target}, which does not exist"
     wrong = indices[(indices < 0) | (indices >= len(targets))]
     if len(wrong):
-        yield "protoIndices", f"{wrong[0]} is out of range. Give 0 to {len(targets) - 1}"
+        yield "protoIndices", f"{wrong[0]} {describe_range(len(targets))}"
     for name, kind in _PER_INSTANCE.items():
         value = read_array(prim.GetAttribute(name), EARLIEST_TIME, kind)
         if value is None:

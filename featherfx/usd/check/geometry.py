@@ -20,6 +20,7 @@ from featherfx.usd.read.values import (
     NUMBER_ARRAY,
     USD_ERRORS,
     VECTOR_ARRAY,
+    describe_range,
     list_elements,
     read_array,
     read_sized_array,
@@ -269,11 +270,7 @@ class GeometryCheck:
                 )
             wrong = self._indices[(self._indices < 0) | (self._indices >= self._points)]
             if len(wrong):
-                yield (
-                    "faceVertexIndices",
-                    f"{len(wrong)} out of range, the first is {int(wrong[0])}."
-                    f" Give 0 to {self._points - 1}",
-                )
+                yield "faceVertexIndices", f"{int(wrong[0])} {describe_range(self._points)}"
             if len(self._counts) and self._counts.min() < 3:
                 yield "faceVertexCounts", "a face has fewer than 3 points"
         elif self._curves and self._counts.sum() != self._points:
@@ -412,7 +409,7 @@ class GeometryCheck:
         value = read_value(primvar.GetAttr())
         values = () if value is None else list_elements(value)
         if len(indices) and not 0 <= indices.min() <= indices.max() < len(values):
-            yield f"{name}:indices", f"is out of range. Give 0 to {len(values) - 1}"
+            yield f"{name}:indices", describe_range(len(values))
 
     def _subsets(self) -> Faults:
         families: dict[str, list[Any]] = {}
@@ -422,7 +419,7 @@ class GeometryCheck:
             )
             name = subset.GetPrim().GetName()
             if len(indices) and not 0 <= indices.min() <= indices.max() < len(self._counts):
-                yield f"{name}.indices", f"is out of range. Give 0 to {len(self._counts) - 1}"
+                yield f"{name}.indices", describe_range(len(self._counts))
                 continue
             families.setdefault(read_text(subset.GetFamilyNameAttr()), []).append(indices)
         for family, members in families.items():

@@ -22,6 +22,7 @@ from featherfx.usd.read.values import (
     EARLIEST_TIME,
     INTEGER_ARRAY,
     compute,
+    describe_range,
     describe_time,
     fault,
     list_elements,
@@ -244,7 +245,7 @@ class Instances:
         indices = read_sized_array(attribute, EARLIEST_TIME, INTEGER_ARRAY).astype(np.int64)
         wrong = indices[(indices < 0) | (indices >= len(roots))]
         if len(wrong):
-            raise fault(attribute, f"{wrong[0]} is out of range. Give 0 to {len(roots) - 1}")
+            raise fault(attribute, f"{wrong[0]} {describe_range(len(roots))}")
         self.prims = [roots[index] for index in indices]
         self._mask = compute(prim, self._instancer.ComputeMaskAtTime, EARLIEST_TIME)
         self._labels = {}

@@ -22,6 +22,7 @@ from featherfx.usd.read.values import (
     EARLIEST_TIME,
     INTEGER_ARRAY,
     NUMBER_ARRAY,
+    describe_range,
     fault,
     read_sized_array,
     read_text,
@@ -151,7 +152,7 @@ def _read_indices(attribute: Any, size: int | None) -> Indices:
     values = read_sized_array(attribute, EARLIEST_TIME, INTEGER_ARRAY).astype(np.int64)
     if size is not None and len(values) and (values.min() < 0 or values.max() >= size):
         wrong = values[(values < 0) | (values >= size)][0]
-        raise fault(attribute, f"{wrong} is out of range. Give 0 to {size - 1}")
+        raise fault(attribute, f"{wrong} {describe_range(size)}")
     return values
 
 

@@ -16,6 +16,7 @@ from featherfx.usd.read.values import (
     EARLIEST_TIME,
     INTEGER_ARRAY,
     VECTOR_ARRAY,
+    describe_range,
     describe_time,
     fault,
     list_elements,
@@ -59,7 +60,7 @@ def list_topology_faults(mesh: Any) -> Iterator[tuple[str, str]]:
         yield "faceVertexIndices", f"has {len(indices)}, the counts add up to {counts.sum()}"
     elif len(indices) and (indices.min() < 0 or indices.max() >= size):
         bad = int(indices[(indices < 0) | (indices >= size)][0])
-        yield "faceVertexIndices", f"{bad} is out of range. Give 0 to {size - 1}"
+        yield "faceVertexIndices", f"{bad} {describe_range(size)}"
     holes = values["holeIndices"][0]
     if holes is not None and len(holes) and (holes.min() < 0 or holes.max() >= len(counts)):
         bad = int(holes[(holes < 0) | (holes >= len(counts))][0])
@@ -130,7 +131,7 @@ def read_primvar(primvar: Any, kind: Any) -> tuple[Array, str, Indices | None] |
         numbers = read_sized_array(primvar.GetIndicesAttr(), EARLIEST_TIME, INTEGER_ARRAY)
         size = len(list_elements(value))
         if len(numbers) and (numbers.min() < 0 or numbers.max() >= size):
-            raise fault(primvar.GetIndicesAttr(), f"is out of range. Give 0 to {size - 1}")
+            raise fault(primvar.GetIndicesAttr(), describe_range(size))
         numbers = numbers.astype(np.int64)
     else:
         value = read_flattened(primvar, EARLIEST_TIME)

@@ -171,6 +171,13 @@ def list_elements(value: Any) -> Any:
     return value if type(value).__name__.endswith("Array") else [value]
 
 
+def describe_range(count: int) -> str:
+    """Return what is wrong with an index that names none of some elements, and the range."""
+    if not count:
+        return "names one of none. Leave it empty"
+    return f"is out of range. Give 0 to {count - 1}"
+
+
 def describe_value(value: Any) -> str:
     """Return a value in words: type and size of an array, or a short value itself."""
     if isinstance(value, float):
