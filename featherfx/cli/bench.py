@@ -1,4 +1,4 @@
-"""`featherfx bench`: run time against error, and stability, measured on this machine."""
+"""`featherfx bench`: run time against error, measured on this machine."""
 
 from __future__ import annotations
 
@@ -14,17 +14,13 @@ from featherfx.lab.bench.options import BenchOptions
 
 @click.command(
     cls=Command,
-    short_help="Measure run time against error, and stability.",
+    short_help="Measure run time against error.",
     epilog="""
     featherfx bench --quick
     featherfx bench -o measured
-    featherfx bench --stress --cases 1000 -o measured
     featherfx bench --peers -o measured
     featherfx bench --skips samples/swan_wing/shot.toml
     featherfx bench --skips samples/pigeon/shot.toml --only "*guided" --frames 8
-    featherfx bench --stress --cases 1000 --seed 1000 -o measured
-    featherfx bench --stress --cases 200 --seed 7 --json
-    featherfx bench --stress --hooks --cases 200
     featherfx bench --promise 40 --seed 7 --json
     """,
 )
@@ -38,25 +34,20 @@ def bench(**values: Any) -> None:
     """Measure the solver on this machine.
 
     Times only mean something on a machine that does nothing else; ratios within one run hold
-    better. Plots need matplotlib (extra "plots"). Exit code 1 if a stress case or a
+    better. Plots need matplotlib (extra "plots"). Exit code 1 if a
     promised error is broken.
 
     Tables are written as they come, so that a run that is broken off leaves those it had made.
-    Outcomes of stress cases are kept in the output folder as they come: a run that was broken off
-    goes on where it stood, and the report is about all cases in the folder.
     """
     options = BenchOptions(**values)
-    kinds = options.stress, options.peers, options.skips, options.promise
-    if sum(map(bool, kinds)) > 1:
-        raise click.UsageError("--stress, --peers, --skips and --promise exclude each other")
+    if sum(map(bool, (options.peers, options.skips, options.promise))) > 1:
+        raise click.UsageError("--peers, --skips and --promise exclude each other")
     if not options.skips and (options.frames, options.every) != (None, 1):
         raise click.UsageError("--frames and --every go with --skips")
     if options.only != "*" and not options.skips:
         raise click.UsageError("--only goes with --skips")
-    if options.hooks and not options.stress:
-        raise click.UsageError("--hooks goes with --stress")
-    if options.as_json and not (options.stress or options.promise):
-        raise click.UsageError("--json goes with --stress or --promise")
+    if options.as_json and not options.promise:
+        raise click.UsageError("--json goes with --promise")
     from featherfx.cli.lab.benchmarks import run_benchmarks
 
     run_benchmarks(options)

@@ -1,7 +1,8 @@
 """Damaged inputs by the thousand: `python -m tests.fuzz --cases 300 --seed 0 usd`.
 
 Also commands that are killed (kill), scenes in which feathers are thrown together (contact),
-extreme shots (extreme) and requests to the servers of pages (requests). Several kinds, one after
+extreme shots (extreme), random feathers and loads (solver) and requests to the servers of pages
+(requests). Several kinds, one after
 another, each cut among processes:
 `python -m tests.fuzz --cases 2500 --jobs 16 --json found.json toml usd`. How far it is, is told
 every 25 cases; interrupted (Ctrl-C), it tells what was found so far.
@@ -23,7 +24,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tests.fuzz import contact, extreme, kill, pictures, requests, toml, usd
+from tests.fuzz import contact, extreme, kill, pictures, requests, solver, toml, usd
 from tests.fuzz.cases import FINE, Failure, Found, nothing, run
 
 Run = Callable[[Sequence[int], int, Path | None], Iterator[Found]]
@@ -35,7 +36,10 @@ KINDS: dict[str, Run] = {
     "extreme": partial(run, extreme.KIND),
     "kill": kill.run,
     "requests": requests.run,
+    "solver": solver.run,
 }
+# of cases that ended as they should, beside FINE
+COUNTS = ("failed", "iterations", "killed", "named", "steps", "steps_over_tolerance", "unsolved")
 # of the cases for each job, so that those which end early take more; most of a piece, and between
 # two lines that tell how far it is
 PIECES, OFTEN = 4, 25
@@ -123,7 +127,7 @@ def _summary(kind: str, given: argparse.Namespace, found: Found, seconds: float)
         "cases": len(found.through),
         "numbers": sorted(found.through),
         "seconds": round(seconds, 1),
-        "fine": set(found.outcomes) <= {*FINE, "killed", "named"} and not found.failures,
+        "fine": set(found.outcomes) <= {*FINE, *COUNTS} and not found.failures,
         "outcomes": dict(sorted(found.outcomes.items())),
         "failures": [failure._asdict() for failure in found.failures],
         "scenes": found.scenes,

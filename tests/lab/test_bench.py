@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from commands import invoke
 
 from featherfx.lab.bench import experiments, report, shake
 from featherfx.lab.bench.experiments import factorisation_seconds
@@ -106,7 +105,7 @@ def test_tables_and_files(tmp_path, monkeypatch):
     for name in ("PRODUCTION", "HERO"):
         monkeypatch.setattr(experiments, name, small)
     made = list(experiments.all_tables(TINY, 2))
-    files = report.write(tmp_path / "measured", made, None, "1.2.3")
+    files = report.write(tmp_path / "measured", made, "1.2.3")
     assert {"benchmark.md", "benchmark.json", "front.csv"} <= {file.name for file in files}
     front = (tmp_path / "measured" / "front.csv").read_text().splitlines()
     assert len(front) == 1 + 4
@@ -115,10 +114,3 @@ def test_tables_and_files(tmp_path, monkeypatch):
     text = (tmp_path / "measured" / "benchmark.md").read_text()
     assert all(table.title in text for table in made)
     assert report.machine("1.2.3")["date"] in text
-
-
-def test_stress_from_the_command_line(tmp_path):
-    arguments = ["bench", "--stress", "--cases", "2", "--quick", "--seed", "6"]
-    done = invoke(*arguments, "-o", tmp_path)
-    assert done.exit_code == 0, done.output
-    assert "violations" in (tmp_path / "stress.md").read_text()

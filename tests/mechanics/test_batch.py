@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from drawn_cases import draw_case
 from trial_batches import FEATHER_PRESETS, at_origin, preset_batch, preset_kind
 
 from featherfx.feather.build import build_feather, scale_feather
@@ -13,7 +14,6 @@ from featherfx.feather.profiles import hooked_stiffness
 from featherfx.feather.types import RACHIS_PART
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import BarbGuide, VaneShape
-from featherfx.lab.bench.cases import draw_case
 from featherfx.lab.feathers.strip import strip_feather, strip_kind
 from featherfx.mechanics.batch import MIN_HOOKED, make_model, resized, row_frames
 from featherfx.mechanics.model import expand_wind, no_loads

@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from derivatives import derivative_fault
+from drawn_cases import draw_case
+from judged_cases import run_case
 from trial_batches import rod
 
-from featherfx.lab.bench.cases import draw_case
-from featherfx.lab.bench.stress import run_case
 from featherfx.mechanics.turn_guard_kernels import (
     add_turn_guard_stiffness,
     add_turn_guard_stress,

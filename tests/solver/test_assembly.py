@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from derivatives import derivative_fault, with_a_wrong_sign
+from drawn_cases import crumple
 from trial_batches import (
     FEATHER_PRESETS,
     assembled,
@@ -18,7 +19,6 @@ from trial_batches import (
 
 from featherfx.algebra.rotation import quats_to_frames, rotation_vectors
 from featherfx.feather.types import RowPoints
-from featherfx.lab.bench.cases import crumple
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.scratch import make_scratch, make_strains
 from featherfx.solver.step.newton_kernels import copy_pose, evaluate

@@ -6,11 +6,11 @@ from functools import partial
 
 import numpy as np
 import pytest
+from drawn_cases import crumple
 from test_integrator import Oscillator
 from trial_batches import at_origin, preset_batch, rod
 
 from featherfx.feather.types import RowPoints, both
-from featherfx.lab.bench.cases import crumple
 from featherfx.lab.ribbons.rod import total_energy
 from featherfx.mechanics.model import expand_wind, no_loads
 from featherfx.solver.scratch import make_scratch

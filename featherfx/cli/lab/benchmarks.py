@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from typing import Any
 
 import click
 
@@ -22,22 +21,12 @@ from featherfx.lab.bench.report import (
     write_files,
 )
 from featherfx.lab.bench.skips import skips_table
-from featherfx.lab.bench.stress import (
-    CaseOutcome,
-    append_record,
-    as_record,
-    read_records,
-    run_seeds,
-    short,
-    summary,
-)
 
 _TABLES, _PEER_TABLES = 7, 2
-_QUICK_ROWS, _MAX_ROWS = 40, 200
 
 
 def run_benchmarks(options: BenchOptions) -> None:
-    """Measure, and print the page or write the files. Exit code 1 if a case breaks a promise."""
+    """Measure, and print the page or write the files. Exit code 1 if a promised error is broken."""
     if options.peers:
         _beside_peers(options)
         return
@@ -45,34 +34,25 @@ def run_benchmarks(options: BenchOptions) -> None:
         _promise(options)
         return
     tables: list[ResultTable] = []
-    outcome, output, jobs = None, options.output, options.jobs or os.cpu_count() or 1
+    output, jobs = options.output, options.jobs or os.cpu_count() or 1
     if options.skips:
         shots = [read_shot(path) for path in options.skips]
         with Progress("skips") as progress:
             rest = (options.only, options.frames, options.every)
             tables.append(skips_table(shots, progress, *rest))
-    elif options.stress:
-        rows = _QUICK_ROWS if options.quick else _MAX_ROWS
-        outcome = _stress(options, jobs, rows)
     else:
         extent = experiments.QUICK_EXTENT if options.quick else experiments.FULL_EXTENT
         with Progress("tables") as progress:
             for table in experiments.all_tables(extent, jobs):
                 tables.append(table)
                 if output is not None:
-                    write(output, tables, None, __version__)
+                    write(output, tables, __version__)
                 progress(len(tables), _TABLES)
-    if outcome is not None and options.as_json:
-        if output is not None:
-            write(output, tables, outcome, __version__)
-        click.echo(json.dumps(short(outcome)))
-    elif output is None:
-        click.echo(page(tables, outcome, __version__))
+    if output is None:
+        click.echo(page(tables, __version__))
     else:
-        for file in write(output, tables, outcome, __version__):
+        for file in write(output, tables, __version__):
             click.echo(file)
-    if outcome is not None and outcome["violations"]:
-        click.get_current_context().exit(1)
 
 
 def _beside_peers(options: BenchOptions) -> None:
@@ -110,19 +90,3 @@ def _promise(options: BenchOptions) -> None:
         click.echo(", ".join(f"{found[name]} {name}" for name in names))
     if found["broken"]:
         click.get_current_context().exit(1)
-
-
-def _stress(options: BenchOptions, jobs: int, most_rows: int) -> dict[str, Any]:
-    """Run the cases that the folder does not have yet; the summary of all that it then has."""
-    folder, hooks = options.output, options.hooks
-    records = read_records(folder) if folder is not None else {}
-
-    def keep(outcome: CaseOutcome) -> None:
-        records[outcome.seed] = as_record(outcome)
-        if folder is not None:
-            append_record(folder, records[outcome.seed])
-
-    with Progress("cases") as progress:
-        left = [seed for seed in options.seeds if seed not in records]
-        run_seeds(left, jobs, most_rows, hooks, progress, keep)
-    return summary([records[seed] for seed in sorted(records)])

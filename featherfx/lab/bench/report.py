@@ -20,7 +20,7 @@ from featherfx.files.atomic_write import write_whole
 
 _LIBRARIES = ("numpy", "scipy", "numba")
 _INTRODUCTION = """\
-This page is what `featherfx bench -o DIR` (and `featherfx bench --stress -o DIR`) writes; no number
+This page is what `featherfx bench -o DIR` writes; no number
 on it is typed in. The swan primary of the presets, 0.35 m long, is shaken by its root in vacuum.
 Times are processor times of one thread, so that other work on the machine disturbs them little;
 only the table of threads is wall time. Compare ratios, not milliseconds, between machines.
@@ -67,10 +67,8 @@ def front_of(tables: Sequence[ResultTable]) -> ResultTable | None:
     return ResultTable("pareto", "Best settings", note, rows)
 
 
-def page(tables: Sequence[ResultTable], stress: dict[str, Any] | None, program: str) -> str:
-    """The run as Markdown. stress: the summary of stress.py, where it was run. program: version."""
-    if stress is not None and not tables:
-        return stress_page(stress)
+def page(tables: Sequence[ResultTable], program: str) -> str:
+    """The run as Markdown. program: version."""
     date, facts = facts_of(machine(program))
     parts = [
         f"# Benchmarks\n\n{_INTRODUCTION}",
@@ -85,8 +83,6 @@ def page(tables: Sequence[ResultTable], stress: dict[str, Any] | None, program: 
             parts.append(as_markdown(table))
         if table.name == "presets":
             parts.append(presets_text(table))
-    if stress is not None:
-        parts.append(stress_page(stress))
     return "\n".join(parts)
 
 
@@ -105,49 +101,9 @@ def presets_text(table: ResultTable) -> str:
     return " ".join([*sentences, closing]) + "\n"
 
 
-def stress_page(stress: dict[str, Any]) -> str:
-    """Counts and worst cases as Markdown."""
-    lists = "worst", "stopped_cases"
-    counts: Row = {name: value for name, value in stress.items() if name not in lists}
-    listed = [{"what": name.replace("_", " "), "value": value} for name, value in counts.items()]
-    worst = [
-        {
-            "seed": each["seed"],
-            "verdict": each["verdict"],
-            "violations": ", ".join(each["violations"]) or "none",
-            "iterations": each["iterations"],
-            **{name: each["case"][name] for name in ("rows", "length", "pose", "root")},
-        }
-        for each in stress["worst"]
-    ]
-    note = (
-        "Random feathers, materials, poses, roots and winds. ok: one step a frame; stopped: the"
-        " solver gave up with a reason, its state that of the last good step, as every bake does;"
-        " by the input: with more elastic energy than keratin can hold; unsolved steps: more than"
-        " 1 % of the length from their solution, taken because half of a frame's 20,000 Newton"
-        " iterations were spent; violations: anything not finite,"
-        " a changed input, energy that grew without work. Still cases: the root is held, the air"
-        " still. Where all steps keep to the tolerance, kinetic and potential energy may ripple:"
-        " what the integrator held in its accelerations is explained (energy_kernels)."
-    )
-    return (
-        as_markdown(ResultTable("stress", "Stability", note, listed))
-        + "\n"
-        + as_markdown(
-            ResultTable("worst", "Worst cases", "Violations first, then the dearest.", worst)
-        )
-    )
-
-
-def write(
-    folder: Path, tables: Sequence[ResultTable], stress: dict[str, Any] | None, program: str
-) -> list[Path]:
-    """Write the page, CSV files, JSON and plots to a folder; returns the files.
-
-    They are called stress.md and stress.json where only random cases were run.
-    """
-    stem = "benchmark" if tables else "stress"
-    files: dict[str, bytes] = {f"{stem}.md": page(tables, stress, program).encode()}
+def write(folder: Path, tables: Sequence[ResultTable], program: str) -> list[Path]:
+    """Write the page, CSV files, JSON and plots to a folder; returns the files."""
+    files: dict[str, bytes] = {"benchmark.md": page(tables, program).encode()}
     for table in tables:
         files[f"{table.name}.csv"] = as_csv(table).encode()
         if table.name == "front" and can_plot():
@@ -158,9 +114,8 @@ def write(
     record = {
         "machine": machine(program),
         "tables": {table.name: list(table.rows) for table in tables},
-        "stress": stress,
     }
-    files[f"{stem}.json"] = (json.dumps(record, indent=1) + "\n").encode()
+    files["benchmark.json"] = (json.dumps(record, indent=1) + "\n").encode()
     return write_files(folder, files)
 
 
