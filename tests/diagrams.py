@@ -1,5 +1,7 @@
-"""Diagrams of the pages: `python tests/diagrams.py landmarks|row -o FILE.png` (extra "plots")."""
+"""Diagrams of the pages: `python tests/diagrams.py landmarks|row|notebook -o FILE.png` (extra "plots")."""
 
+import json
+import os
 import sys
 import tomllib
 from pathlib import Path
@@ -54,13 +56,28 @@ def draw_row(axes: plt.Axes) -> None:
     axes.set(xlabel="y, to the left (m)", ylabel="x, forward (m)")
 
 
+def run_notebook() -> plt.Figure:
+    """Return what docs/notebook.ipynb draws; it reads the sample `feather_pull`."""
+    cells = json.loads((ROOT / "docs/notebook.ipynb").read_text(encoding="utf-8"))["cells"]
+    os.chdir(ROOT / "samples")
+    known: dict[str, object] = {}
+    for cell in cells:
+        if cell["cell_type"] == "code":
+            exec("".join(cell["source"]), known)
+    return plt.gcf()
+
+
 def main(name: str, output: str) -> None:
     """Draw a diagram into a file."""
+    path = Path(output).absolute()
+    if name == "notebook":
+        run_notebook().savefig(path, dpi=90, metadata={"Software": None})
+        return
     figure, axes = plt.subplots(figsize=(7, 5), dpi=110)
     {"landmarks": draw_landmarks, "row": draw_row}[name](axes)
     axes.set_aspect("equal")
     figure.tight_layout()
-    figure.savefig(output, metadata={"Software": None})
+    figure.savefig(path, metadata={"Software": None})
 
 
 if __name__ == "__main__":

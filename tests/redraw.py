@@ -20,8 +20,8 @@ from PIL import Image, ImageSequence
 
 ROOT = Path(__file__).resolve().parents[1]
 MAX_DIFFERENCE = 2.0  # of 255, mean over all values of an image
-# by tests/blender_image.py, a browser's window, photographs, a sheet of eight bakes, and a diagram
-BY_HAND = {"blender.png", "view.png", "traced.jpg", "birds.png", "barb_grid.png"}
+# by tests/blender_image.py, a browser's window, a photograph, and a diagram
+BY_HAND = {"blender.png", "view.png", "traced.jpg", "barb_grid.png"}
 
 
 @dataclass(frozen=True)
