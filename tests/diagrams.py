@@ -1,4 +1,6 @@
-"""Diagrams of the pages: `python tests/diagrams.py landmarks|row|notebook -o FILE.png` (extra "plots")."""
+"""Diagrams of the pages: `python tests/diagrams.py landmarks|row|notebook -o FILE.png`.
+
+They need the extra "plots"."""
 
 import json
 import os

@@ -43,6 +43,7 @@ def read_page(path: Path) -> Page:
     """Read a page and split its prose into sentences."""
     text = path.read_text(encoding="utf-8")
     prose = re.sub(r"^<!-- made by:.*?^<!-- end -->", "", text, flags=re.S | re.M)
+    prose = re.sub(r"<!--.*?-->", "", prose, flags=re.S)
     prose = re.sub(r"^(```|~~~).*?^\1", "\n\n", prose, flags=re.S | re.M)
     prose = re.sub(r"(^|\n)\n(    |\t)(?![-*\d]).*(\n+(    |\t).*)*", "\n\n", prose)
     prose = re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", prose)

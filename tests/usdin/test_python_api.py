@@ -1,12 +1,14 @@
 """The functions that programs call: lazy, complete, and without state between calls."""
 
 import inspect
+import re
 import subprocess
 import sys
 from dataclasses import fields
 
 import numpy as np
 import pytest
+from places import ROOT
 from usdin_scenes import add_curves, arc, new_stage, write_shot
 
 import featherfx
@@ -26,6 +28,14 @@ def test_every_function_is_typed_and_says_what_it_does():
         assert signature.return_annotation is not inspect.Signature.empty
         for parameter in signature.parameters.values():
             assert parameter.annotation is not inspect.Parameter.empty
+
+
+def test_the_page_of_the_interface_has_every_name():
+    page = (ROOT / "docs/api.md").read_text(encoding="utf-8")
+    entries = re.findall(r"^::: (featherfx\.\S+)", page, re.M)
+    for name in set(featherfx.__all__) - {"__version__"}:
+        home = f"{getattr(featherfx, name).__module__}.{name}"
+        assert any(home == each or home.startswith(f"{each}.") for each in entries), home
 
 
 def test_keywords_are_those_of_the_options(tmp_path):

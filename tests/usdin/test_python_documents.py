@@ -1,5 +1,7 @@
 """Shots and grooms in memory: made of tables, changed, saved, baked, and read back."""
 
+import re
+import shutil
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -34,25 +36,61 @@ def test_the_package_lists_what_it_has_and_all_of_it_is_documented():
     assert all(getattr(ffx, name).__doc__ for name in ffx.__all__ if name != "__version__")
 
 
-def test_the_example_of_a_program_runs(shot, tmp_path, monkeypatch, capsys):
+SNIPPET = """
+import featherfx as ffx
+
+shot = ffx.read_shot("shot.toml")
+shot = shot.with_overrides({"*primary_*": {"rachis.youngs_modulus": 6e9}}).with_quality("draft")
+cache = ffx.bake(shot, "out.usdc", progress=True)
+points = cache["left_primary_03"].points(12)
+for frame in ffx.simulate(shot, frames=(1, 3)):
+    print(frame.number, frame.points["left_primary_03"].shape)
+groom = ffx.Groom.from_dict({"name": "one", "feather": [{"id": "a", "kind": "swan_primary", "position": [0, 0, 0], "direction": [1, 0, 0], "up": [0, 0, 1]}]})
+problems, costs = ffx.check(shot), ffx.stats(groom)
+"""  # noqa: E501
+
+
+def test_the_example_of_a_program_runs(tmp_path, monkeypatch, capsys):
+    shutil.copytree(SAMPLES / "swan_wing", tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    shot = shot.with_overrides({"*primary_*": {"rachis.youngs_modulus": 6e9}})
-    cache = ffx.bake(shot, "out.usdc", progress=True, frames=(1, 3))
-    assert "3 of 3 frames" in capsys.readouterr().err
+    known = {}
+    exec(SNIPPET, known)
+    assert "frames: 24 of 24" in capsys.readouterr().err
+    cache, frame = known["cache"], known["frame"]
     assert cache.report["feathers"] == len(cache) == len(list(cache)) == 20
     track = cache["left_primary_03"]
-    for frame in ffx.simulate(shot, frames=(1, 3)):
-        points = frame.points["left_primary_03"]
-        assert points == pytest.approx(track.points(frame.number), abs=1e-6)
-        speed = frame.velocities["left_primary_03"]
-        assert speed == pytest.approx(track.velocities(frame.number), abs=1e-4)
-    assert len(frame.points) == 20
+    assert known["points"].shape == track.points(3).shape == frame.points["left_primary_03"].shape
+    assert frame.points["left_primary_03"] == pytest.approx(track.points(3), abs=1e-6)
+    assert frame.velocities["left_primary_03"] == pytest.approx(track.velocities(3), abs=1e-4)
     assert cache.ids == tuple(frame.points)
-    groom = one_feather()
-    assert ffx.check(shot) == ffx.check(groom) == []
-    assert ffx.stats(groom)["feathers"] == 1
-    with pytest.raises(ffx.InputError, match=r"frame: 12 is not in the cache\. Give 1 to 3"):
-        track.points(12)
+    assert known["problems"] == ffx.check(known["groom"]) == []
+    assert known["costs"]["feathers"] == 1
+    with pytest.raises(ffx.InputError, match=r"frame: 25 is not in the cache\. Give 1 to 24"):
+        track.points(25)
+
+
+def test_long_calls_tell_how_far_they_are(tmp_path, capsys):
+    told = []
+    shot = ffx.read_shot(SAMPLES / "swan_wing/shot.toml", progress=lambda *done: told.append(done))
+    assert told[-1] == (1, 1)
+    ffx.stats(shot.groom, progress=True)
+    cache = ffx.bake(shot.with_quality("draft"), tmp_path / "a.usdc", frames=(1, 2))
+    for call in (
+        lambda: ffx.retime(cache.path, tmp_path / "b.usdc", speed=0.5, progress=True),
+        lambda: ffx.export(cache.path, tmp_path / "c.obj", progress=True),
+        lambda: ffx.check(cache.path, progress=True),
+    ):
+        capsys.readouterr()
+        call()
+        (*_, last) = capsys.readouterr().err.splitlines()
+        assert re.fullmatch(r"\w+: (\d+) of \1", last)
+
+    def interrupt(done, total):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        ffx.export(cache.path, tmp_path / "d.usdc", condensed=True, progress=interrupt)
+    assert not list(tmp_path.glob("d*"))
 
 
 def test_overrides_act_as_those_of_a_file(shot):
@@ -101,11 +139,12 @@ def test_a_shot_may_hold_its_groom(tmp_path):
     assert shot.to_dict()["groom"]["feather"][0]["kind"] == "swan_primary"
 
 
-@pytest.mark.parametrize("kind", ["groom", "shot"])
-@pytest.mark.parametrize("sample", ["pigeon", "torn_feather", "swan_wing", "breeze"])
-def test_tables_of_samples_outlive_being_written(sample, kind):
-    tables = tomllib.loads((SAMPLES / sample / f"{kind}.toml").read_text())
-    assert tomllib.loads(toml_text(tables)) == tables
+def test_tables_of_samples_and_presets_outlive_being_written():
+    files = [*SAMPLES.rglob("*.toml"), *SAMPLES.with_name("presets").rglob("*.toml")]
+    assert len(files) > 80
+    for file in files:
+        tables = tomllib.loads(file.read_text(encoding="utf-8"))
+        assert tomllib.loads(toml_text(tables)) == tables, file
 
 
 def test_texts_and_numbers_outlive_being_written():
