@@ -19,13 +19,29 @@ MAX_WORDS = 40_000  # of all pages
 MAX_SENTENCE, MAX_MEAN_SENTENCE = 40, 18  # words
 # options of other programs, and joints that a groom makes
 FOREIGN = {"--nworkers", "--nthreads", "right_wing_wrist"}
+WORDS_A_MINUTE = 200
+# minutes in which one reads the pages that a task needs, README first
+PATHS = {
+    "first feather on my mesh": (5, "first_feather"),
+    "bird from my rig": (8, "first_bird skins"),
+    "art-direct": (10, "direction colours"),
+    "farm": (8, "farm"),
+    "into a host": (6, "dcc"),
+}
+# words of the pages of a section of the site
+SECTIONS = {"Start": 3_500, "How it works": 6_000}
+MAX_IMAGE = 1_000_000  # bytes
+# sections whose pages show what one gets, and their pages that have nothing to show
+SHOWN = ("Start", "Grooms and shots", "Results")
+WITHOUT_IMAGE = {"reference.md", "reliability.md"}
 # what a page may have, in words; each other one has the last
 BUDGETS = {"README.md": 400, "usd.md": 1_700}
 MAX_PAGE = 1_500
 # the glossary's "instead of", as far as no field uses these words otherwise
 AVOIDED = (
     r"laid coat|coat feathers?|laid over|who lies over whom|sub-steps?|run-up|processor time|"
-    r"comes? to rest|room mates?|left out of account"
+    r"comes? to rest|room mates?|left out of account|contour plume|left out, without more|"
+    r"as of today|no longer(?! than)|used to be|formerly"
 )
 
 
@@ -148,6 +164,38 @@ def best_pages(query: str) -> list[str]:
     return sorted(scores, key=lambda name: -scores[name])
 
 
+def sections() -> dict[str, list[str]]:
+    """Return the pages of each section of the site."""
+    text, found = (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), {}
+    for name, entries in re.findall(r"^  - ([\w ]+):\n((?:      - .*\n)+)", text, re.M):
+        found[name] = re.findall(r"- (?:.*/)?(\w+\.md)", entries)
+    return found
+
+
+def faults_of_all(every: list[Page]) -> list[str]:
+    """Return what is wrong with the pages as a whole: minutes, budgets, and images."""
+    words = {Path(page.name).name: page.words for page in every}
+    texts = {Path(page.name).name: page.text for page in every}
+    found = []
+    for task, (allowed, names) in PATHS.items():
+        read = words["README.md"] + sum(words[f"{name}.md"] for name in names.split())
+        if read > allowed * WORDS_A_MINUTE:
+            minutes = read / WORDS_A_MINUTE
+            found.append(f"{task}: {minutes:.1f} minutes of reading, {allowed} allowed")
+    parts = sections()
+    for name, limit in SECTIONS.items():
+        if (count := sum(words.get(page, 0) for page in parts[name])) > limit:
+            found.append(f"{name}: {count} words, {limit} allowed")
+    for page in {page for name in SHOWN for page in parts[name]} - WITHOUT_IMAGE:
+        if "](images/" not in texts[page]:
+            found.append(f"{page}: no image of the result")
+    for image in sorted((ROOT / "docs").rglob("*.*")):
+        if image.suffix in (".png", ".gif", ".jpg") and image.stat().st_size > MAX_IMAGE:
+            found.append(f"{image.name}: {image.stat().st_size} bytes, {MAX_IMAGE} allowed")
+    total = sum(words.values())
+    return found + [f"{total} words, {MAX_WORDS} allowed"] * (total > MAX_WORDS)
+
+
 def check() -> int:
     """Print words by page and all faults; return the number of faults."""
     every, known = pages(), known_names()
@@ -156,9 +204,10 @@ def check() -> int:
         wrong = faults(page, known)
         count += len(wrong)
         print(f"{page.words:6d}  {page.name}", *(f"        {fault}" for fault in wrong), sep="\n")
+    whole = faults_of_all(every)
     total = sum(page.words for page in every)
-    print(f"{total:6d}  in all, {MAX_WORDS} allowed; {count} faults")
-    return count + (total > MAX_WORDS)
+    print(f"{total:6d}  in all, {MAX_WORDS} allowed; {count + len(whole)} faults", *whole, sep="\n")
+    return count + len(whole)
 
 
 if __name__ == "__main__":
