@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import mean
 
+from featherfx.groom.keys.renamed import RENAMED
+
 ROOT = Path(__file__).resolve().parents[1]
 GENERATED = {"reference.md", "validation.md", "api.md", "peers.md"}
 # figures with the date of their measurement
@@ -34,6 +36,8 @@ MAX_IMAGE = 1_000_000  # bytes
 # sections whose pages show what one gets, and their pages that have nothing to show
 SHOWN = ("Start", "Grooms and shots", "Results")
 WITHOUT_IMAGE = {"reference.md", "reliability.md"}
+# names in reports and pages, which keys had, too
+MEASURES = {"overlap", "parts", "body"}
 # what a page may have, in words; each other one has the last
 BUDGETS = {"README.md": 400, "usd.md": 1_700}
 MAX_PAGE = 1_500
@@ -115,6 +119,8 @@ def unknown_names(page: Page, known: str) -> list[str]:
     names = {name for span in spans for name in re.findall(r"\b[a-z]+(?:_[a-z]+)+\b", span)}
     options = {name for span in spans for name in re.findall(r"--([a-z][a-z-]+)", span)}
     unknown = {name for name in names if name not in known}
+    keys = set(re.findall(r"^\| `(\w+)`", known, re.M)) | MEASURES
+    unknown |= {old for _, old, _ in RENAMED if old in spans and old not in keys}
     # some options are declared by the fields that they set
     unknown |= {f"--{n}" for n in options if n not in known and n.replace("-", "_") not in known}
     return sorted(unknown - FOREIGN)

@@ -149,6 +149,7 @@ def test_pages_that_take_longer_or_show_nothing_are_noticed():
         ("Words. " * 1600, "words, 1500 allowed"),
         ("On 2026-11-20 it was so.", "a date"),
         ("A laid coat has sub-steps.", "wrong term: laid coat"),
+        ("`vary` makes it lighter.", "does not exist: vary"),
         ("Set `no_such_key`, or give `--no-such-option`.", "does not exist: --no-such-option"),
     ],
 )
