@@ -2,12 +2,14 @@
 
 They are killed; or, where there is a C compiler, writes below their folder fail from some one on,
 as on a full or broken disk, or clocks jump (faults.c). Bakes go on with --resume, in three layouts;
-the others begin again.
+the others begin again. Commands are forks of a process that has loaded the kernels.
 """
 
 from __future__ import annotations
 
 import errno
+import importlib
+import multiprocessing
 import os
 import random
 import shutil
@@ -17,15 +19,27 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import NamedTuple
+
+from featherfx.api import read_quality, read_shot
+from featherfx.shot.loop.simulate import simulate
 
 from .cases import Failure, Found, nothing
 
 SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 SHOT = SAMPLES / "feather_pull/shot.toml"
 WING = SAMPLES / "swan_wing"
-MAX_KILLS = 3  # of one command before it is left in peace
+MODULES = (
+    "featherfx.baking.bake",
+    "featherfx.baking.frame_loop",
+    "featherfx.cli.bake",
+    "featherfx.usd.write.cache_writer",
+    "pxr.UsdGeom",
+)
+MAX_KILLS = 5  # of one command before it is left in peace
 SECONDS = 240  # beyond which a command hangs
 # of a disk; writes of a command until the first that fails, at most; s by which a clock jumps
 ERRORS, MAX_WRITES, JUMPS = (errno.EIO, errno.ENOSPC), 60, (-86400, 3600)
@@ -65,8 +79,9 @@ def run(cases: Sequence[int], seed: int, keep: Path | None = None) -> Iterator[F
     with tempfile.TemporaryDirectory() as name:
         whole = Path(name)
         inputs = whole / "inputs"
+        load_kernels()
         make_inputs(inputs)
-        ways = (KILL, *FAULTS) if build_faults(whole / "faults.so") else (KILL,)
+        mixed = (KILL, *FAULTS) if build_faults(whole / "faults.so") else (KILL,)
         expected: dict[str, tuple[float, dict[str, bytes]]] = {}
         for number in cases:
             result = nothing()
@@ -78,7 +93,7 @@ def run(cases: Sequence[int], seed: int, keep: Path | None = None) -> Iterator[F
             # of one name, since caches tell their own
             folder = whole / job
             shutil.copytree(inputs, folder)
-            end = ""
+            end, ways = "", chance.choice(((KILL,), mixed))
             for time_over in range(chance.randint(1, MAX_KILLS)):
                 again, way = bool(time_over), chance.choice(ways)
                 if way == KILL:
@@ -110,16 +125,44 @@ def make_inputs(folder: Path) -> None:
     """Write a cache, and the shares of another."""
     folder.mkdir()
     bake = ("--quality", "draft", "--frames", "1-6", "--jobs", "1")
-    assert start(folder, ("bake", str(SHOT), "-o", "in.usdc", *bake)).wait() == 0
+    assert end_of(start(folder, ("bake", str(SHOT), "-o", "in.usdc", *bake))) == 0
     for share in ("1/2", "2/2"):
         own = ("bake", str(WING / "shot.toml"), "-o", "share.usdc", "--feathers", share, *bake)
-        assert start(folder, own).wait() == 0
+        assert end_of(start(folder, own)) == 0
 
 
-def start(folder: Path, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
+def load_kernels() -> None:
+    """Import modules and simulate three frames, without a stage, which would start threads."""
+    for name in MODULES:
+        importlib.import_module(name)
+    shot = replace(read_shot(SHOT), quality=read_quality("draft"))
+    list(simulate(shot, 1, (1, 3)))
+
+
+def start(folder: Path, arguments: Sequence[str]) -> BaseProcess:
     """Start a command in a folder."""
-    silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    return subprocess.Popen([sys.executable, "-m", "featherfx", *arguments], cwd=folder, **silent)
+    process = multiprocessing.get_context("fork").Process(target=work, args=(folder, arguments))
+    process.start()
+    return process
+
+
+def work(folder: Path, arguments: Sequence[str]) -> None:
+    """Run a command in a folder and end; a cluster needs a process that is no fork."""
+    os.chdir(folder)
+    silent = os.open(os.devnull, os.O_RDWR)
+    for stream in range(3):
+        os.dup2(silent, stream)
+    if "dask" in arguments:
+        os.execv(sys.executable, [sys.executable, "-m", "featherfx", *arguments])
+    from featherfx.cli.main import main
+
+    main.main(list(arguments), "featherfx")
+
+
+def end_of(process: BaseProcess, seconds: float | None = None) -> int | None:
+    """Exit code of a process when it ends, or what it is after some s: None while it runs."""
+    process.join(seconds)
+    return process.exitcode
 
 
 def build_faults(target: Path) -> bool:
@@ -148,7 +191,7 @@ def undisturbed(folder: Path, inputs: Path, job: Job) -> tuple[float, dict[str, 
     for _ in range(2):
         shutil.copytree(inputs, folder)
         begin = time.monotonic()
-        assert start(folder, job.arguments).wait() == 0, job
+        assert end_of(start(folder, job.arguments)) == 0, job
         seconds, files = time.monotonic() - begin, tree(folder)
         shutil.rmtree(folder)
     return seconds, files
@@ -159,28 +202,30 @@ def is_killed(
 ) -> bool:
     """Run a command and kill it at any time, more often in its second half."""
     process = start(folder, job.arguments + (job.again if is_again else ()))
-    try:
-        process.wait(seconds * chance.choice([chance.uniform(0.0, 1.0), chance.uniform(0.5, 1.0)]))
-    except subprocess.TimeoutExpired:
-        process.send_signal(signal.SIGKILL)
-    return process.wait() == -signal.SIGKILL
+    part = chance.choice([chance.uniform(0.0, 1.0), chance.uniform(0.5, 1.0)])
+    if end_of(process, seconds * part) is None:
+        process.kill()
+    return end_of(process) == -signal.SIGKILL
 
 
 def compare_second_run(folder: Path, job: Job, expected: dict[str, bytes]) -> str:
     """Run a command to its end and compare what it leaves."""
     process = start(folder, job.arguments + job.again)
-    try:
-        if process.wait(SECONDS):
-            return "refused"
-    except subprocess.TimeoutExpired:
+    code = end_of(process, SECONDS)
+    if code is None:
         process.kill()
-        process.wait()
+        process.join()
         return "hang"
+    if code:
+        return "refused"
     found = tree(folder)
     if found.keys() != expected.keys():
         print(sorted(found.keys() ^ expected.keys()), flush=True)
         return "stray"
-    return "done" if found == expected else "differs"
+    differing = [name for name in expected if found[name] != expected[name]]
+    if differing:
+        print("differing:", differing, flush=True)
+    return "differs" if differing else "done"
 
 
 def tree(folder: Path) -> dict[str, bytes]:

@@ -179,8 +179,9 @@ class Parts:
         """
         if keep_chunks:
             with _output_errors(self.folder):
-                for index, record in enumerate(self.records):
-                    self._write_record(index, replace(record, state=None))
+                for file in self.folder.glob("[0-9]*.json"):
+                    if (record := _read_record(file)) is not None and record.state:
+                        self._write_record(int(file.stem), replace(record, state=None))
         for bake in _list_bakes(self.folder.parent):
             kept = bake.iterdir() if keep_chunks and bake == self.folder else ()
             _remove_bake(bake, {file for file in kept if _PUBLISHED.fullmatch(file.name)})
