@@ -79,7 +79,8 @@ class StepSettings(NamedTuple):
     newton: m, distance from a step's solution that counts as converged. iterations: Newton's of a
     try at most. hard: work beyond which the next step is not made longer. most_iterations: work of
     the whole frame (attempt_work). unsolved: m, distance from its solution at which a step is taken
-    where the frame must end.
+    where the frame must end. shared: part of the tolerance that the next step is to keep to where
+    the frame is one step, which is cut only where Newton fails; else 0.
     """
 
     duration: float
@@ -92,6 +93,7 @@ class StepSettings(NamedTuple):
     hard: int
     most_iterations: int
     unsolved: float
+    shared: float = 0.0
 
 
 class MixingScratch(NamedTuple):

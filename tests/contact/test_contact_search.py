@@ -293,5 +293,4 @@ def in_one_island(active):
         solves=np.zeros(bodies, dtype=np.int64),
         status=np.zeros(bodies),
         fixed=np.zeros(bodies, dtype=np.int8),
-        borne=np.zeros(bodies, dtype=np.int8),
     )

@@ -2,7 +2,8 @@
 
 Within a frame the feathers that touch must know of each other at the same times, so they take
 common steps: a given number per frame, or as many as most of them need to keep to the quality's
-tolerance; the others divide these into steps of their own, while what they touch moves evenly.
+tolerance. The others divide these into steps of their own, but for feathers that press each other:
+what both feel in one step is one impulse, equal and opposite.
 """
 
 from __future__ import annotations
@@ -150,6 +151,10 @@ class ShotContact:
         return StepRules(
             steps=self.contact.steps,
             substeps=substeps,
+            tolerance=np.repeat(
+                [solver.settings.tolerance for solver in self.solver.solvers],
+                np.diff(self.solver.grids.first),
+            ),
             thickness=np.maximum(self._thickness, 2.0 * self.solver.settings.tolerance),
             rounds=self.solver.settings.rounds,
             iterations=MAX_INTERVAL_WORK,

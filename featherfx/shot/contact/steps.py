@@ -1,8 +1,8 @@
 """Lengths of the common steps of feathers that touch, within a frame.
 
-Where a step leaves a feather unsolved, or contacts far off, an island around these is stepped again
-in shorter steps (mend.py). Below the shortest that is allowed, the contacts of the feathers that
-fail yield for one step.
+Where a step leaves a feather unsolved, contacts far off, or too large an error where feathers press
+each other, an island around these is stepped again in shorter steps (local_retry). Below the
+shortest that is allowed, the contacts of the feathers that fail yield for one step.
 """
 
 from __future__ import annotations
@@ -80,12 +80,14 @@ class StepRules:
     """Rules of the steps of a shot.
 
     steps: common steps of a frame, 0: as many as are needed. substeps: most regular steps of a
-    feather in a frame. thickness: (B,) m, of each vane, or twice what rounds may leave in a frame.
-    rounds: of a step that was easy, at most. iterations: MAX_ITERATIONS. names: ids.
+    feather in a frame. tolerance: (B,) m, error of a step. thickness: (B,) m, of each vane, or
+    twice what rounds may leave in a frame. rounds: of a step that was easy, at most. iterations:
+    MAX_ITERATIONS. names: ids.
     """
 
     steps: int
     substeps: int
+    tolerance: Array
     thickness: Array
     rounds: int
     iterations: int
@@ -96,10 +98,17 @@ class StepRules:
         return bool((contact.off > _WRONG * self.thickness).any())
 
     def off(self, reports: Sequence[StepReport], contact: ContactReport, span: StepSpan) -> Flags:
-        """(B,) bodies that are to be stepped over a span again, in shorter steps: not solved, or
-        with contacts that are off by more than a step of its length may have."""
-        status = np.concatenate([report.status for report in reports])
-        return np.asarray((contact.off > self._most_off(span)) | (status != 0.0))
+        """(B,) bodies that are to be stepped over a span again, in shorter steps: not solved, with
+        contacts that are off by more than a step of its length may have, or with too large an error
+        in a step that they may not divide, as others press them."""
+        status, steps, error = (
+            np.concatenate([getattr(report, name) for report in reports])
+            for name in ("status", "steps", "error")
+        )
+        off = (contact.off > self._most_off(span)) | (status != 0.0)
+        if span.own and self.is_long(span):
+            off |= (steps == 1.0) & (error > self.tolerance)
+        return np.asarray(off)
 
     def is_long(self, span: StepSpan) -> bool:
         """Return whether a span is longer than a regular step: cut for contacts that are a little

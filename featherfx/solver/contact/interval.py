@@ -65,6 +65,15 @@ Flags = NDArray[np.bool_]
 # iterations in a dense plumage (stiffer ones leave feathers unsolved); over the inertia of bodies
 # that nothing pressed before, 2: a collision takes a third of the rounds
 _FIT, _STRUCK_FIT = 8.0, 2.0
+# spectral radius of steps that bodies share: only with 0 does a blow of one step return no more
+# speed than it takes, as b (1 - af) / (1 - am) >= 1/2 (integrator_kernels)
+_SHARED_RADIUS = 0.0
+# error for which such steps are chosen, over the tolerance: forces between bodies carry it on
+_SHARED_TOLERANCE_RATIO = 0.1
+# frames over which what rounds leave may add up to the tolerance
+_FRAMES = 2.0
+# force between two bodies, over that before, beyond which it is a blow
+_BLOW = 2.0
 # gap, over the margin, beyond which a contact without a force is not handed to a feather
 _FAR = 0.5
 # stiffness of contacts that yield, over what it would be
@@ -248,7 +257,6 @@ class ContactSolver:
             run.start[~free], run.now[~free] = led.start[~free], led.end[~free]
         self._fixed = np.zeros(len(free), dtype=np.int8) if led is None else led.fixed.astype("i1")
         self._free, memory, rounds = free, self.memory, 0
-        self._borne = (self._count_pressing(memory) > 0).astype(np.int8)
         stale = free.copy() if resting is None else free & ~resting
         soft = np.zeros(self.grids.bodies, dtype=np.int8)
         if yielding is not None:
@@ -290,6 +298,7 @@ class ContactSolver:
             off=off,
             deep=solved.marks.depth,
         )
+        run.end_blows(self._struck())
         run.finish()
         return run.new, run.reports(), report
 
@@ -348,6 +357,22 @@ class ContactSolver:
             np.stack([contacts["guest"][held], contacts["host"][held]], axis=1), axis=0
         )
 
+    def _struck(self) -> Flags:
+        """(B,) bodies that another, which is solved as well, presses by more than _BLOW of the
+        force before."""
+        contacts, bodies = self.found.contacts, self.grids.bodies
+        contacts = contacts[(contacts["host"] >= 0) & (contacts["guest_force"] > 0.0)]
+        _, rows, columns = self.memory.wall.shape
+        pair = np.concatenate([contacts["pair"], self.memory.key // (rows * columns)])
+        force = [contacts["guest_force"], -_BLOW * self.memory.force.mean(axis=1)]
+        ends = np.sort(self.candidates.pairs[pair], axis=1) @ [bodies, 1]
+        both, place = np.unique(ends, return_inverse=True)
+        change = np.bincount(place, np.concatenate(force), len(both))
+        blows = np.stack(np.divmod(both[change > 0.0], bodies))
+        struck = np.zeros(bodies, dtype=np.bool_)
+        struck[blows[:, self._free[blows].all(axis=0)]] = True
+        return struck
+
     def depths(self) -> tuple[Indices, Indices, Array]:
         """Return the last interval's contacts: guest and host (bodies; -1 for a wall), depth in
         m."""
@@ -370,7 +395,7 @@ class ContactSolver:
         whole, firm = _FIT * (inertia + self._elastic), _FIT * (inertia + self._firm)
         pressing = self._count_pressing(memory)[:, None, None]
         struck = np.where(pressing > 0, _FIT, _STRUCK_FIT) * inertia
-        impedance = struck + _FIT * self._elastic / np.maximum(pressing, 1)
+        impedance = struck + _FIT * self._pull() / np.maximum(pressing, 1)
         impedance[~self._free] = _RIGID
         bodies = moving_bodies(run.start, run.now, impedance)
         self._found_in = memory._replace(inside=memory.inside.copy())
@@ -406,15 +431,17 @@ class ContactSolver:
     def _followed(self, duration: float) -> Array:
         """(B, n, 1 + 2 m) part of what its root goes, beyond where a node is headed, that the node
         goes along in a duration (s): that of an implicit step of the node's mass on a spring."""
-        held = np.concatenate([solver.model.held for solver in self.solvers])
-        pull = np.where(held[:, None, None], self._elastic, 0.0)
-        inertia = self._inertia(duration) * self._mass
+        pull, inertia = self._pull(), self._inertia(duration) * self._mass
         return np.divide(pull, pull + inertia, out=np.zeros_like(pull), where=pull > 0.0)
+
+    def _pull(self) -> Array:
+        """(B, n, 1 + 2 m) N/m, elastic stiffness of nodes towards a root that holds them."""
+        held = np.concatenate([solver.model.held for solver in self.solvers])
+        return np.where(held[:, None, None], self._elastic, 0.0)
 
     def _inertia(self, duration: float) -> float:
         """1/s^2, stiffness of an implicit step over the mass."""
-        radius = self.solvers[0].settings.spectral_radius
-        return float(integrator_kernels.integrator_of(radius, duration).inertia)
+        return float(integrator_kernels.integrator_of(_SHARED_RADIUS, duration).inertia)
 
     def _changed(self, stale: Flags, forces: Array, soft: Bytes) -> Flags:
         """(B,) bodies that feel other forces (N) than before: what was found then, of another body
@@ -435,13 +462,18 @@ class ContactSolver:
         touching = self._neighbours()
         count, island = islands_of(touching)
         island[~self._free | run.failed() | lost] = -1
-        marks = run.marks(island, stale, soft, self._fixed, self._borne)
+        marks = run.marks(island, stale, soft, self._fixed)
         islands = islands_before(count, island, limit_threads(self._team.jobs))
         room = 3 * int(np.diff(self._listed.first).max(initial=0))
         sweep = Sweep(
             batches=run.batches(room),
             step=run.step,
             alone=run.alone,
+            shared=run.step._replace(
+                shortest=run.duration,
+                spectral_radius=_SHARED_RADIUS,
+                shared=_SHARED_TOLERANCE_RATIO,
+            ),
             touch=self.found.touch,
             contacts=self.found.number,
             listed=self._listed,
@@ -468,7 +500,7 @@ class ContactSolver:
         A force that is off by dF moves a feather by dF h^2 / m in the step. So what rounds leave
         goes with the square of h: else shorter steps would leave larger forces.
         """
-        part = duration / max(duration, self.settings.frame)
+        part = duration / max(duration, _FRAMES * self.settings.frame)
         return max(self.settings.tolerance * part**2, _MIN_RESIDUAL)
 
     def _handing(self, run: BatchRun) -> HandoverRules:

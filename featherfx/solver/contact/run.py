@@ -72,7 +72,7 @@ class Marks(NamedTuple):
     those, -1 of others. fresh: to be solved in the first round, whatever contacts. soft: whose
     contacts yield. active: to be solved in this round. moved: or what they touch, since worst and
     depth, m, of their contacts were looked at. solves: of each. status: of the solves. fixed:
-    led for good (LedMotion). borne: whether other bodies pressed them before the interval."""
+    led for good (LedMotion)."""
 
     mine: Bytes
     island: Indices
@@ -85,7 +85,6 @@ class Marks(NamedTuple):
     solves: Indices
     status: Array
     fixed: Bytes
-    borne: Bytes
 
 
 class Islands(NamedTuple):
@@ -126,12 +125,13 @@ class RoundRules(NamedTuple):
 
 
 class Sweep(NamedTuple):
-    """Data that the team works on. step, alone: settings of a body, and of one that nothing
-    presses."""
+    """Data that the team works on. step, alone, shared: settings of a body, of one that nothing
+    presses, and of one that another presses that is solved as well."""
 
     batches: Batches
     step: StepSettings
     alone: StepSettings
+    shared: StepSettings
     touch: NDArray[np.void]
     contacts: int
     listed: ByBody
@@ -291,9 +291,7 @@ class BatchRun:
             unsolved=0.0,
         )
 
-    def marks(
-        self, island: Indices, fresh: Flags, soft: Bytes, fixed: Bytes, borne: Bytes
-    ) -> Marks:
+    def marks(self, island: Indices, fresh: Flags, soft: Bytes, fixed: Bytes) -> Marks:
         """Bodies of some islands (B,), -1 for those that are not solved. The others: of Marks."""
         return Marks(
             mine=(island >= 0).astype(np.int8),
@@ -307,7 +305,6 @@ class BatchRun:
             solves=self.solves,
             status=self.report.status,
             fixed=fixed,
-            borne=borne,
         )
 
     def batches(self, room: int) -> Batches:
@@ -336,6 +333,20 @@ class BatchRun:
         """Return the step settings of the feathers within the interval; coarse over the feather's
         length."""
         return self._step
+
+    def end_blows(self, struck: Flags) -> None:
+        """Leave bodies (B,) that others struck the accelerations of before.
+
+        A blow is an impulse: to go on with its acceleration in a step of another length would give
+        a part of it once more, and energy with it.
+        """
+        struck, first = struck & (self.report.steps == 1.0), self._team.grids.first
+        for g, (old, new) in enumerate(zip(self.old, self.new, strict=True)):
+            own = np.flatnonzero(struck[first[g] : first[g + 1]])
+            for before, to in zip(
+                (*old.acceleration, *old.smoothed), (*new.acceleration, *new.smoothed), strict=True
+            ):
+                to[own] = before[own]
 
     def finish(self) -> None:
         """Feathers that were not solved stay as they were."""

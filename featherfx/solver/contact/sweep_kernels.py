@@ -14,7 +14,6 @@ from featherfx.algebra.thread_team import forget_tickets, meet, say_done, ticket
 from featherfx.algebra.vector_kernels import copy_values
 from featherfx.algebra.views import viewed
 from featherfx.jit.compiled import kernel
-from featherfx.mechanics.row_kernels import copy_points, points_of
 from featherfx.solver.contact.colour_kernels import colour_island, colour_some
 from featherfx.solver.contact.list_kernels import (
     closed_on_led,
@@ -158,32 +157,19 @@ def _advance(body, thread, reach, frame, sweep):
 
 
 @kernel
-def _end_blow(body, sweep):
-    """Leave a body that another struck in its one step the accelerations of before.
-
-    A blow is an impulse: to go on with its acceleration would give a part of it once more, and
-    energy with it.
-    """
-    batches, marks = sweep.batches, sweep.marks
-    g, f = batches.batch[body], batches.place[body]
-    if marks.borne[body] != 0 or viewed(batches.report, g).steps[f] != 1.0:
-        return
-    if not is_shared(body, sweep.touch, sweep.listed, marks.mine):
-        return
-    old, new = viewed(batches.old, g), viewed(batches.new, g)
-    copy_points(points_of(old.acceleration, f), points_of(new.acceleration, f))
-    copy_points(points_of(old.smoothed, f), points_of(new.smoothed, f))
-
-
-@kernel
 def _solve(body, thread, reach, sweep):
-    """Solve one body: as a feather alone if nothing presses it, before as after."""
+    """Solve one body: as a feather alone if nothing presses it, before as after.
+
+    Bodies that press each other take the interval in one step: what both feel at its end is one
+    impulse, equal and opposite.
+    """
     alone = not is_pressed(body, sweep.touch, sweep.listed)
     if alone and not _advance(body, thread, reach, sweep.alone, sweep):
         return
-    pressed = not alone or is_pressed(body, sweep.touch, sweep.listed)
-    if pressed and _advance(body, thread, reach, sweep.step, sweep):
-        _end_blow(body, sweep)
+    if alone and not is_pressed(body, sweep.touch, sweep.listed):
+        return
+    shared = is_shared(body, sweep.touch, sweep.listed, sweep.marks.mine)
+    _advance(body, thread, reach, sweep.shared if shared else sweep.step, sweep)
 
 
 @kernel

@@ -339,7 +339,8 @@ def advance_feather(model, loads, f, path, state, settings, work, report):
     step_control_kernels.
     """
     duration, left = settings.duration, settings.most_iterations
-    h = state.proposal[f] if 0.0 < state.proposal[f] <= duration else duration
+    proposed = 0.0 < state.proposal[f] <= duration and settings.shared == 0.0
+    h = state.proposal[f] if proposed else duration
     done, taken, way, pace, before = 0.0, 0, EXTRAPOLATE, load_convergence(work.kept.pace), 0.0
     recent, begun = 0.0, left
     store_convergence(UNKNOWN_CONVERGENCE, work.kept.pace)

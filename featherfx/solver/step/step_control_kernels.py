@@ -79,6 +79,7 @@ def scale_settings(frame, length):
         frame.hard,
         frame.most_iterations,
         frame.unsolved * total,
+        frame.shared,
     )
 
 
@@ -162,6 +163,8 @@ def record_failure(report, f, status):
 def min_step_length(settings, done, taken, left, recent):
     """Length (s) below which no step is tried for its error, once so many steps have brought the
     frame to done (s) and so much work is left. recent: work that the last ones took each."""
+    if settings.shared > 0.0:
+        return MIN_STEP_RATIO * settings.shortest
     most, kept = settings.duration / settings.shortest, 0.5 * settings.most_iterations
     if _WORK_RESERVE * recent <= _MIN_STEP_WORK:
         kept = min(kept, max(0.5 * kept, MIN_ATTEMPTS_LEFT * settings.iterations))
@@ -250,6 +253,8 @@ def judge_attempt(h, first, attempt, outcome, settings):
         if way <= IMPLICIT_EULER:
             return _FAILED, h, way
         return _FAILED, shorter if shorter >= smallest else 0.0, first
+    if settings.shared > 0.0:
+        return TAKEN, h, way
     if error > tolerance and step > _FLOOR_RATIO * floor:
         return _REJECTED, max(floor, _length_for(error, tolerance, step, 0.2, 1.0)), first
     lost = error > _LOST_ERROR_RATIO * tolerance
@@ -265,6 +270,8 @@ def judge_attempt(h, first, attempt, outcome, settings):
 def after_step(first, attempt, outcome, settings):
     """The next (h, way) where a step was taken; arguments as in judge."""
     tolerance, error = settings.tolerance, outcome.excess
+    if settings.shared > 0.0:
+        tolerance *= settings.shared
     pressed, hard = attempt.allowed > 0.0, attempt_work(outcome) > settings.hard
     most = (
         1.0 if not pressed and (hard or error > _LOST_ERROR_RATIO * tolerance) else _MAX_STEP_GROWTH
