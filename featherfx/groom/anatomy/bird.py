@@ -349,8 +349,9 @@ def _region(
     than = np.concatenate([each for other, each in sites.items() if other != name])
     near = {"to": _tuples(sites[name]), "than": _tuples(than)}
     flow = {"away": tuple(points["beak"]), "towards": tuple(points["tail"])}
-    if name == "thigh":  # down the leg
-        flow = {"direction": tuple((sites["foot"] - sites["thigh"]).mean(axis=0))}
+    if name == "thigh":  # down the leg, and back where the belly faces down itself
+        down, back = (sites["foot"] - sites["thigh"]).mean(axis=0), points["tail"] - points["beak"]
+        flow = {"direction": tuple(down + length * unit(back))}
     where = (
         _filled(WHERE_KEYS, nearest=near, soft=_BORDERS.get(name, _BORDER) * length),
         _filled(WHERE_KEYS, free_radius=_ROOM.get(name, 0.3) * length, soft=0.2 * length),
