@@ -31,6 +31,8 @@ from featherfx.groom.types import Groom, Placement
 
 # of a feather's length: roots that are farther from the skin stand on something else
 _MAX_DISTANCE = 0.05
+# of the longest of a tail, from its roots to a skin that it does not stand on
+_FAN_REACH = 0.25
 _SHORTEST_OF_FAN = 0.75  # of the longest of a tail, feathers that are not its coverts
 # of the diameter of the rachis at its base: a follicle lies so deep in the skin
 _DEPTH = 0.6
@@ -246,14 +248,25 @@ def _sew_tails(groom: Groom, points: Array, faces: Indices) -> tuple[Array, Indi
             first, second = each.turning.joints
             if second in (f"{first}_right", f"{first}_left"):
                 fans.setdefault(first, []).append(each)
-    for own in fans.values():
+    for name, own in fans.items():
         length = np.array([each.kind.length for each in own])
         rest = stacked([each.rest for each in build_plane_feathers(own, *_FOOTPRINT)])
         turns = np.stack([each.rotation for each in own])
         roots = np.stack([each.position for each in own])[:, None, None]
         nodes = np.einsum("kij,kncj->knci", turns, rest.nodes) + roots
         shafts = nodes[length > _SHORTEST_OF_FAN * length.max(), :, 0]
+        before = points
         points, faces = sew_fan(points, faces, shafts, nodes.reshape(-1, 3))
+        root = shafts[:, 0].mean(axis=0)
+        near = np.linalg.norm(points - root, axis=1).min() < _FAN_REACH * length.max()
+        if points is before and near:
+            place = ", ".join(f"{x:.3g}" for x in root)
+            message = (
+                f"{groom.source}: layout: the skin around the roots of tail '{name}' at ({place}) m"
+                " is no tube that one cut closes, so feathers beside it lie on the skin alone and"
+                " may pass through it. Give each tail an end of the skin of its own"
+            )
+            warnings.warn(message, InputWarning, stacklevel=4)
     return points, faces
 
 

@@ -1,5 +1,6 @@
 """Feathers of regions laid over each other at rest, and the order of those that are not."""
 
+import warnings
 from dataclasses import replace
 from operator import attrgetter
 
@@ -10,10 +11,12 @@ from scipy.optimize import minimize
 
 import featherfx
 from featherfx.algebra.rotation import frames_from
+from featherfx.algebra.surface_elements import weld
 from featherfx.api import scene_readers
 from featherfx.errors import InputError, InputWarning
 from featherfx.feather.build import build_feather, distinct_shapes, scale_feather
 from featherfx.feather.density import carry_motion, density_map, with_detail
+from featherfx.feather.leaves import _sew_tails
 from featherfx.feather.overlap import near_pairs, segment_distance, strips_of
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.shapes import build_plane_feathers
@@ -22,7 +25,7 @@ from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.kinds import Change, adjusted, kind_of
 from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.read.read import read_groom
-from featherfx.groom.types import Placement
+from featherfx.groom.types import Placement, Turning
 from featherfx.lab.measure.plumage import write_patch
 from featherfx.shot.loop.placement import lay_out
 from featherfx.usd.read.cache import Cache
@@ -131,6 +134,28 @@ def test_a_map_between_grids_leads_from_leaf_to_leaf(patch):
         assert np.abs((ahead - behind) / (2 * step) - found.velocities.nodes).max() < 1e-5 * speed
         bend = (ahead - 2.0 * found.points.nodes + behind) / step**2
         assert np.abs(bend - found.accelerations.nodes).max() < 1e-3 * np.abs(bend).max() + 1e-6
+
+
+@pytest.mark.parametrize(("ahead", "said"), [(0.456, True), (0.44, True), (0.6, False)])
+def test_a_tail_that_no_sheet_joins_to_the_skin_is_reported(patch, kind, ahead, said):
+    """One that stands just off a skin, or in one of larger faces, not one far from it."""
+    _, placed_groom, _ = patch
+    points, faces = weld(placed_groom.skin)
+    fan = [
+        placed(
+            kind,
+            f"tail_{k}",
+            (-ahead, 0.004 * k, 0.0),
+            (-1.0, 0.2 * k, 0.0),
+            turning=Turning(("tail", "tail_left"), 1.0, np.zeros(3)),
+        )
+        for k in range(-2, 3)
+    ]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        sewn, _ = _sew_tails(replace(placed_groom, feathers=tuple(fan)), points, faces)
+    assert [("tail 'tail'" in str(each.message)) for each in caught] == [True] * said
+    assert sewn is points
 
 
 def test_a_leaf_is_the_shape_without_load(patch, tmp_path):
