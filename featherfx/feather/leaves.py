@@ -258,11 +258,12 @@ def _sew_tails(groom: Groom, points: Array, faces: Indices) -> tuple[Array, Indi
         before = points
         points, faces = sew_fan(points, faces, shafts, nodes.reshape(-1, 3))
         root = shafts[:, 0].mean(axis=0)
-        near = np.linalg.norm(points - root, axis=1).min() < _FAN_REACH * length.max()
-        if points is before and near:
-            place = ", ".join(f"{x:.3g}" for x in root)
+        triangle, place = closest(root[None], points[faces])
+        away = np.linalg.norm(place @ points[faces[triangle[0]]] - root)
+        if points is before and away < _FAN_REACH * length.max():
+            at = ", ".join(f"{x:.3g}" for x in root)
             message = (
-                f"{groom.source}: layout: the skin around the roots of tail '{name}' at ({place}) m"
+                f"{groom.source}: layout: the skin around the roots of tail '{name}' at ({at}) m"
                 " is no tube that one cut closes, so feathers beside it lie on the skin alone and"
                 " may pass through it. Give each tail an end of the skin of its own"
             )
