@@ -113,8 +113,7 @@ def _write_frames(
         )
         with phase("simulating", silent=True) as progress:
             for draw, checkpoint in frames:
-                with phase("writing" if writing.is_waited_for else "simulating", silent=True):
-                    writing.wait()  # so that no other waits meanwhile
+                writing.wait()  # so that no other waits meanwhile
                 writing(draw, checkpoint)
                 del draw, checkpoint  # large
                 eta.simulated += 1

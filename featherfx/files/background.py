@@ -39,7 +39,7 @@ class Background:
     exception of the function is raised by the caller's next call or at the end, and no later call
     is made. Where a block of it raises itself, calls that wait are made all the same: a bake that
     is interrupted keeps what it has simulated. seconds: spent in the function so far, and
-    processor_seconds: of its thread. is_waited_for: whether somebody waits for it.
+    processor_seconds: of its thread.
     """
 
     def __init__(self, function: Callable[..., object], room: int = 2) -> None:
@@ -47,7 +47,6 @@ class Background:
         self._queue: Queue[tuple[Any, ...] | None] = Queue(room)
         self._error: BaseException | None = None
         self.seconds = self.processor_seconds = 0.0
-        self.is_waited_for = False
         self._thread = Thread(target=self._run, name="featherfx writer", daemon=True)
         self._thread.start()
 
@@ -60,9 +59,7 @@ class Background:
 
     def wait(self) -> None:
         """Return when all calls so far are done; raises as the next call would."""
-        self.is_waited_for = True
         self._queue.join()
-        self.is_waited_for = False
         self._raise()
 
     def close(self) -> None:

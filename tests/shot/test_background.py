@@ -100,17 +100,3 @@ def test_an_error_of_the_caller_loses_nothing_that_waits():
     with pytest.raises(KeyboardInterrupt):
         produce()
     assert seen == [0, 1, 2, 3]
-
-
-def test_it_tells_whether_it_is_waited_for():
-    release = threading.Event()
-    with Background(lambda: release.wait(5.0)) as call:
-        call()
-        assert not call.is_waited_for
-        waiting = threading.Thread(target=call.wait)
-        waiting.start()
-        while not call.is_waited_for:
-            time.sleep(0.001)
-        release.set()
-        waiting.join()
-        assert not call.is_waited_for
