@@ -26,9 +26,9 @@ Store = Callable[[Path], object]
 # what tells a file from another one of its name; None: there is none
 Standing = tuple[int, ...] | None
 
-_TEMPORARY = re.compile(r"\.(?P<stem>.+)\.\d+\.(?:tmp|old)(?P<suffix>(?:\.[^.]+)?)")
+_TEMPORARY = re.compile(r"\.(?P<stem>.+)\.(?P<process>\d+)\.(?:tmp|old)(?P<suffix>(?:\.[^.]+)?)")
 # of the same, while USD saves it: six random letters in place of the suffix
-_SAVED_LAYER = re.compile(r"\.(?P<stem>.+)\.\d+\.tmp\.[A-Za-z0-9]{6}")
+_SAVED_LAYER = re.compile(r"\.(?P<stem>.+)\.(?P<process>\d+)\.tmp\.[A-Za-z0-9]{6}")
 
 
 @dataclass(frozen=True)
@@ -71,6 +71,7 @@ def write_beside(path: Path, store: Store) -> WrittenFile:
 
     Raises what store raises, an OSError so that it names the target; then nothing is left.
     """
+    remove_leftovers(path, only_ended=True)
     file = WrittenFile(_beside(path, "tmp"), path)
     try:
         with _named(path):
@@ -141,19 +142,42 @@ def standing(path: Path) -> Standing:
 def temporary_of(name: str) -> str:
     """Name of the file that a temporary one of this name is for; empty where it is none. That of a
     layer which USD was saving ends with .usdc."""
+    return _parse_temporary(name)[0]
+
+
+def _parse_temporary(name: str) -> tuple[str, int]:
+    """Return the target's name, as temporary_of, and the process that wrote it."""
     if match := _SAVED_LAYER.fullmatch(name):
-        return match["stem"] + ".usdc"
+        return match["stem"] + ".usdc", int(match["process"])
     match = _TEMPORARY.fullmatch(name)
-    return match["stem"] + match["suffix"] if match else ""
+    return (match["stem"] + match["suffix"], int(match["process"])) if match else ("", 0)
 
 
-def remove_leftovers(path: Path) -> None:
-    """Remove what killed processes left beside a target. Nobody else may be writing it."""
+def remove_leftovers(path: Path, only_ended: bool = False) -> None:
+    """Remove what killed processes left beside a target. Nobody else may be writing it.
+
+    only_ended: what processes of this machine write stays.
+    """
     names = {path.name, *([path.stem + ".usdc"] if path.suffix.startswith(".usd") else ())}
     with contextlib.suppress(OSError):
         for file in path.parent.iterdir():
-            if temporary_of(file.name) in names and file.is_file() and not file.is_symlink():
+            target, process = _parse_temporary(file.name)
+            is_left = target in names and not (only_ended and _is_running(process))
+            if is_left and file.is_file() and not file.is_symlink():
                 file.unlink()
+
+
+def _is_running(process: int) -> bool:
+    """Return whether a process of this machine runs, or may run."""
+    if os.name == "nt":
+        return True  # no signal only asks
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        return True
+    return True
 
 
 def flush(path: Path) -> None:

@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import signal
+import subprocess
 from pathlib import Path
 
 import feathers
@@ -16,7 +17,7 @@ from featherfx.baking.options import BakeOptions
 from featherfx.baking.task import prepare
 from featherfx.errors import InputError
 from featherfx.files import atomic_write
-from featherfx.files.atomic_write import into, write_all
+from featherfx.files.atomic_write import into, write_all, write_text
 from featherfx.usd.types import OutputError
 from featherfx.usd.write import unfinished_cache
 from featherfx.usd.write.cache_writer import CacheWriter, Continuation
@@ -126,6 +127,24 @@ def test_what_a_bake_left_that_was_killed_when_all_was_there_is_removed(
     for _ in range(2):
         remove_finished_parts(path, SETTINGS)
         assert tree(path.parent) == tree(other.parent)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".ply", ".usda"])
+def test_what_killed_processes_left_is_removed_where_its_target_is_written(tmp_path, suffix):
+    ended = subprocess.Popen(["true"])
+    ended.wait()
+    left = [f".o.{ended.pid}.{label}{suffix}" for label in ("tmp", "old")]
+    link = f".o.{ended.pid}.tmp.Ab3dEf"
+    others = [
+        f".o.{os.getppid()}.tmp{suffix}",
+        f".o.7.{ended.pid}.tmp{suffix}",
+        f".o.notes{suffix}",
+    ]
+    for each in (*left, *others):
+        (tmp_path / each).write_text("half")
+    (tmp_path / link).symlink_to(tmp_path / others[0])
+    write_text(tmp_path / f"o{suffix}", "whole")
+    assert set(tree(tmp_path)) == {f"o{suffix}", link, *others}
 
 
 def damaged_record(file: Path) -> None:
