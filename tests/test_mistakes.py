@@ -35,6 +35,13 @@ IN_FILES = [
     ("shot", "period = 1.0", "period = 1,0", "Write one key a line; numbers have a point, no com"),
     ("shot", "period = 1.0", "frequency = 3.8", "does not apply to a motion of kind flap, known: "),
     ("shot", "period = 1.0", "period = 1\n[motion]", "Write the table once, or an array of tables"),
+    (
+        "shot",
+        'quality = "draft"',
+        "contact = true",
+        "true is not a table. Give { } or a table [",
+    ),
+    ("shot", 'quality = "draft"', "row = 1", "row: is a key of grooms. Write it in the groom"),
     ("shot", 'name = "swan_wing"', "", "name: missing, expects a text"),
     ("shot", '"groom.toml"', '"g/groom.toml"', "groom.toml: there is no such file. Check the path"),
     ("groom", "camber = 1", "camber = 100", "variation.camber: 100 is out of range. Give 0 to 60"),
@@ -70,6 +77,19 @@ IN_FILES = [
         "first.direction ('right_secondary'): a d",
     ),
     ("groom", "[-1.0, -0.02, 0.0], up", "[0, 0, 1], up", "is parallel to direction. Give another"),
+    (
+        "groom",
+        "-0.3, 0.0], up = [0, 0, 1]",
+        "-0.3, 0.0]",
+        "missing, expects an array of 3 numb",
+    ),
+    ("groom", "[0.095, -0.57, 0.055]", "[0.095, -0.57]", "has 2 items. Give 3"),
+    (
+        "groom",
+        'id = "right_primary"',
+        'id = "right_secondary"',
+        "and 9 more are taken already",
+    ),
     ("groom", "[0.05, -0.08, 0.05]", "[50, -80, 50]", "joint 'right_shoulder' is 107 m from the"),
 ]
 # changes of first_bird's groom

@@ -39,7 +39,7 @@ class Direction:
         return tuple(each / norm for each in numbers)
 
     def describe(self) -> tuple[str, str, str]:
-        return "array of 3 number", "", "not zero; made a unit vector"
+        return "array of 3 numbers", "", "not zero; made a unit vector"
 
     def schema(self, partial: bool) -> JsonSchema:
         return _DIRECTION.schema(partial) | {"not": {"items": {"enum": [0]}}}

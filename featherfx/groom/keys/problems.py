@@ -24,11 +24,13 @@ _LONGEST_COMPARED = 200  # characters; comparing takes their square
 class Problems:
     """Collects problems in the order in which they are found, each once.
 
-    file_keys: keys of the file itself, which a table may have swallowed.
+    file_keys: keys of the file itself, which a table may have swallowed. groom_keys: those of the
+    groom that a shot names.
     """
 
     def __init__(self) -> None:
         self.file_keys: Collection[str] = ()
+        self.groom_keys: Collection[str] = ()
         self._found: dict[Problem, None] = {}
         self._searches = 0
 
@@ -115,6 +117,8 @@ class Place:
         name = self.key.rpartition(".")[2]
         if below:
             return self.fail(f"unknown key, did you mean {' or '.join(below)}?")
+        if name == self.key and name in self.problems.groom_keys:
+            return self.fail("is a key of grooms. Write it in the groom")
         if "." in self.key and name in self.problems.file_keys:
             return self.fail("unknown key here. Write it above the first table of the file")
         return self.unknown("unknown key", name, names)

@@ -333,7 +333,8 @@ class Table:
         if not isinstance(value, dict):
             needed = [name for name, key in self.keys.items() if key.default is REQUIRED]
             holds = f" of {', '.join(needed)}" if needed else ""
-            return place.fail(f"{shown(value)} is not a table. Give {{ }}{holds}")
+            given = "{ }" if "[" in place.key else f"{{ }} or a table [{place.key}]"
+            return place.fail(f"{shown(value)} is not a table. Give {given}{holds}")
         parts = self.parts(value, place, partial)
         return INVALID if any(each is INVALID for each in parts.values()) else parts
 

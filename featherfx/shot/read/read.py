@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.errors import Problem
+from featherfx.groom.keys.groom import GROOM_FILE
 from featherfx.groom.keys.problems import INVALID, Place, Problems
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.presets.presets import check_preset
@@ -103,7 +104,7 @@ def _collect(
         told = "a groom" if kind == "groom" else f"a {kind} preset"
         more = f', a file with groom = "{path.name}" and frames' if kind == "groom" else ""
         place.refuse(f"is {told}, expects a shot{more}")
-    place.problems.file_keys = SHOT_FILE.keys
+    place.problems.file_keys, place.problems.groom_keys = SHOT_FILE.keys, GROOM_FILE.keys
     parts = SHOT_FILE.parts(raw, place)
     sound = not len(problems)
     groom = _groom(raw, parts, place, library, readers)
