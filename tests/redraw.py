@@ -26,32 +26,39 @@ BY_HAND = {"blender.png", "view.png", "traced.jpg", "barb_grid.png"}
 
 @dataclass(frozen=True)
 class Step:
-    """A command of a page, split into words, and the names of the files that it writes."""
+    """A command of a page: its words, the files that it writes, and its comment (0: none)."""
 
     words: tuple[str, ...]
     writes: tuple[str, ...]
+    comment: int
 
 
 def steps_of(text: str) -> list[Step]:
     """Return the commands of a page that write files, in their order."""
-    found = []
+    found, comments, inside = [], 0, False
     for line in re.sub(r"\\\n\s*", " ", text).splitlines():
         line = line.strip().removeprefix("$ ")
+        inside = line.startswith("<!-- drawn by") or (inside and line != "-->")
+        comments += line.startswith("<!-- drawn by")
         if re.match(r"(featherfx|python) [\w/]", line):
             words = tuple(shlex.split(re.split(r"\s{3,}", line)[0], posix=line.count("'") % 2 == 0))
             if "-o" in words[:-1]:
                 output = words[words.index("-o") + 1]
-                found.append(Step(words, (output, *([words[3]] if words[1] == "sample" else []))))
+                writes = (output, *([words[3]] if words[1] == "sample" else []))
+                found.append(Step(words, writes, comments if inside else 0))
     return found
 
 
 def recipe(steps: list[Step], name: str) -> list[Step]:
-    """Return the steps that an image needs, in their order; none if no step writes it."""
-    wanted, chosen = {name}, []
+    """Return the steps that an image needs, in their order; none if no step writes it.
+
+    A comment is needed as a whole.
+    """
+    wanted, chosen, comment = {name}, [], 0
     for step in reversed(steps):
-        if wanted.intersection(Path(path).name for path in step.writes) | wanted.intersection(
-            step.writes
-        ):
+        written = {*step.writes, *(Path(path).name for path in step.writes)}
+        if wanted & written or (comment and step.comment == comment):
+            comment = comment if chosen else step.comment
             chosen.append(step)
             wanted -= {name, *step.writes}
             wanted.update(word for word in step.words if "." in word and word not in step.writes)
