@@ -20,8 +20,10 @@ from PIL import Image, ImageSequence
 
 ROOT = Path(__file__).resolve().parents[1]
 MAX_DIFFERENCE = 2.0  # of 255, mean over all values of an image
-# by tests/blender_image.py, a browser's window, a photograph, and a diagram
-BY_HAND = {"blender.png", "view.png", "traced.jpg", "barb_grid.png"}
+# by tests/blender_image.py, a browser's window, a photograph, a diagram, a sheet of a motion, and a
+# file of --textures; those of production_shot by the files that its page shows
+BY_HAND = {"blender.png", "view.png", "traced.jpg", "barb_grid.png", "take_off.png", "textures.png"}
+BY_HAND |= {"body.png", "rest.png", "close.png", "free.png", "flight.png"}
 
 
 @dataclass(frozen=True)
@@ -100,17 +102,43 @@ def draw(steps: list[Step], image: Path, folder: Path) -> Path | None:
     return next(drawn, None)
 
 
-def redraw(names: list[str], check: bool) -> int:
-    """Draw the images of all pages, or the named ones; return how many fail or differ."""
+def recipes() -> dict[Path, tuple[Path, list[Step]]]:
+    """Return the page and the steps of each image that commands draw."""
     paths = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
     steps = {page: steps_of(page.read_text(encoding="utf-8")) for page in paths}
     # the page that shows an image may leave its commands to another one
     shown = {image: (page, *paths) for page in reversed(paths) for image in images_of(page)}
+    return {
+        image: (
+            sources[0],
+            next(filter(None, (recipe(steps[page], image.name) for page in sources)), []),
+        )
+        for image, sources in sorted(shown.items())
+        if image.name not in BY_HAND
+    }
+
+
+def missing_inputs(steps: list[Step]) -> set[str]:
+    """Return the files that steps read, and that are neither there nor written by earlier ones."""
+    missing, written = set(), set()
+    for step in steps:
+        words = {word for word in step.words[1:] if re.search(r"\.(toml|usd[ac]?|py)$", word)}
+        written |= {re.sub(r"\.\w+$", "", path) for path in step.writes}
+        missing |= {
+            word
+            for word in words
+            if not (ROOT / word).exists()
+            and re.sub(r"(\.\d+of\d+)?\.\w+$", "", word) not in written
+        }
+    return missing
+
+
+def redraw(names: list[str], check: bool) -> int:
+    """Draw the images of all pages, or the named ones; return how many fail or differ."""
     wrong = 0
-    for image, sources in sorted(shown.items()):
-        if (names and image.name not in names) or image.name in BY_HAND:
+    for image, (page, chosen) in recipes().items():
+        if names and image.name not in names:
             continue
-        chosen = next(filter(None, (recipe(steps[page], image.name) for page in sources)), [])
         with tempfile.TemporaryDirectory() as folder:
             drawn = draw(chosen, image, Path(folder))
             off = difference(drawn, image) if drawn and image.exists() else np.inf
@@ -118,7 +146,7 @@ def redraw(names: list[str], check: bool) -> int:
                 shutil.copy(drawn, image)
         wrong += off > MAX_DIFFERENCE
         outcome = f"differs by {off:.2f} of 255" if drawn else "cannot be drawn by its page"
-        print(f"{sources[0].name}: {image.name} {outcome}", flush=True)
+        print(f"{page.name}: {image.name} {outcome}", flush=True)
     return wrong
 
 

@@ -15,6 +15,7 @@ import numpy as np
 import pages as pages_of_docs
 import pytest
 from pages import best_pages, faults, faults_of_all, known_names, pages, read_page
+from redraw import missing_inputs, recipes
 
 import featherfx
 from featherfx.baking.install import copy_sample
@@ -138,6 +139,12 @@ def test_pages_that_take_longer_or_show_nothing_are_noticed():
     assert "farm: 20.0 minutes of reading, 8 allowed" in found
     assert "farm.md: no image of the result" in found
     assert f"{2_000 * len(every)} words, 40000 allowed" in found
+
+
+def test_each_image_has_a_recipe_whose_inputs_are_there():
+    found = {image.name: missing_inputs(steps) for image, (_, steps) in recipes().items() if steps}
+    assert {image.name for image in recipes()} == found.keys()
+    assert {name: missing for name, missing in found.items() if missing} == {}
 
 
 @pytest.mark.parametrize(
