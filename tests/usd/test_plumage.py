@@ -63,6 +63,23 @@ def test_angles_and_heights_are_those_of_the_feathers(tmp_path, options):
     assert found["low"]["neighbour_height_p50"] == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("options", [{"group": "all"}, {"up_axis": "Y", "meters_per_unit": 0.01}])
+def test_what_lies_on_a_tail_is_measured_from_its_vanes(tmp_path, options, side):
+    """Above it as below; what is farther from it than from the skin is measured from the skin."""
+    high, gap = 0.08, 0.002
+    places = [
+        ("tail_01", "tail", (0.0, 0.0, high), 0.0),
+        ("rump_1", "rump", (0.0, 0.0, high + side * gap), side * LOW),
+        ("back_1", "back", (0.0, 0.3, 0.0), STEEP),
+    ]
+    found = measure_plumage(*write(tmp_path, places, **options), "/skin")
+    assert found["rump"]["angle_mid_p50"] == pytest.approx(np.degrees(LOW), rel=0.02)
+    height = gap / feathers.LENGTH + np.sin(LOW)
+    assert found["rump"]["tip_height_p90"] == pytest.approx(height, rel=0.02)
+    assert found["back"]["tip_height_p90"] == pytest.approx(np.sin(STEEP), rel=1e-3)
+
+
 def test_overlap_is_length_over_spacing(tmp_path):
     path, skin = write(tmp_path, rows((LOW, LOW)))
     # the rim, whose skin reaches as far as a feather, is a third of the number of all

@@ -1,7 +1,8 @@
 """Measures of a contour plumage over its skin, tract by tract.
 
 Normals of the skin are averaged over the eight nearest of 200,000 samples, whose own are those of
-its points, weighted by corner angles. Contour feathers are those whose ids name neither wing nor
+its points, weighted by corner angles. Vanes of tails and their coverts carry what lies nearer to
+them than to the skin. Contour feathers are those whose ids name neither wing nor
 tail; a neighbour is one of the three nearest tips. Of each tract, and of `all`:
 
     angle_mid, angle_tip     of the rachis to the skin, at its middle and its tip, degrees
@@ -22,7 +23,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from featherfx.algebra.types import Array
-from featherfx.algebra.vectors import unit
+from featherfx.algebra.vectors import face_products, unit
 from featherfx.errors import InputError, Problem
 from featherfx.feather.crossings import find_intersections, make_patches
 from featherfx.feather.types import RACHIS_PART
@@ -36,17 +37,34 @@ from featherfx.usd.read.scenery import open_scenery
 from featherfx.usd.read.stage import to_world_matrix
 
 _SAMPLES, _NEAREST, _NEIGHBOURS = 200_000, 8, 3
+_FAN = "tail"  # in ids of feathers that carry others
 _NO_AREA = 1e-12  # m^2
 _SOFTEST = 1e-4  # m, added to the distances of samples by whose inverse they count
 _INNER_PARTS = ("wing", "tail")  # in ids of feathers that are not of the contour plumage
 
 
 class _Skin(NamedTuple):
-    """Samples of a skin: (N, 3) m, unit normals, and the area that each stands for, m^2."""
+    """Samples of a skin: (N, 3) m, unit normals, the area that each stands for, m^2, and a tree of
+    the points. two_sided: whether normals may look either way."""
 
     points: Array
     normals: Array
     area: float
+    tree: Any
+    two_sided: bool = False
+
+    def feet(self, points: Array) -> tuple[Array, Array, Array]:
+        """Return distances (K,) m of points (K, 3), and their feet and normals (K, 3)."""
+        distance, near = self.tree.query(points, k=_NEAREST)
+        weights = 1.0 / (distance + _SOFTEST)
+        weights /= weights.sum(axis=1, keepdims=True)
+        normals = self.normals[near]
+        if self.two_sided:
+            side = np.sum((points[:, None] - self.points[near]) * normals, axis=2, keepdims=True)
+            normals = np.where(side < 0.0, -normals, normals)
+        normal = unit(np.einsum("nk,nkc->nc", weights, normals))
+        foot = np.einsum("nk,nkc->nc", weights, self.points[near])
+        return distance.mean(axis=1), foot, normal
 
 
 def measure_plumage(
@@ -66,8 +84,8 @@ def measure_plumage(
     contour = [id for id in rachises if not any(part in id for part in _INNER_PARTS)]
     if not contour:
         raise InputError(Problem(str(path), "", "holds no contour feathers. Give a plumage"))
-    tree = cKDTree(samples.points)
-    rows = [_measure_rachis(rachises[id][1], tree, samples) for id in contour]
+    carriers = [samples, *_sample_fans(cache, code)]
+    rows = [_measure_rachis(rachises[id][1], carriers) for id in contour]
     middle, tip, height, length = np.array(rows).T
     tips = np.stack([rachises[id][1][-1] for id in contour])
     count = min(_NEIGHBOURS, len(tips) - 1)
@@ -94,13 +112,10 @@ def measure_plumage(
     return found
 
 
-def _measure_rachis(points: Array, tree: Any, skin: _Skin) -> tuple[float, float, float, float]:
+def _measure_rachis(points: Array, carriers: list[_Skin]) -> tuple[float, float, float, float]:
     """Return angles at middle and tip, degrees, height of the tip and length, m."""
-    distance, near = tree.query(points, k=_NEAREST)
-    weights = 1.0 / (distance + _SOFTEST)
-    weights /= weights.sum(axis=1, keepdims=True)
-    normal = unit(np.einsum("nk,nkc->nc", weights, skin.normals[near]))
-    foot = np.einsum("nk,nkc->nc", weights, skin.points[near])
+    distance, *found = map(np.stack, zip(*(each.feet(points) for each in carriers), strict=True))
+    foot, normal = (each[distance.argmin(axis=0), np.arange(len(points))] for each in found)
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     rise = np.sum(unit(np.gradient(points, axis=0)) * normal, axis=1)
     angles = np.degrees(np.arcsin(np.clip(rise, -1.0, 1.0)))
@@ -134,11 +149,28 @@ def _sample_skin(cache: Cache, file: Path, prim: str, code: float | None) -> _Sk
     samples = sample_triangles(points[triangles], _SAMPLES)
     own = triangles[samples.face]
     normals = point_normals(points, triangles)
+    places = np.einsum("nk,nkc->nc", samples.weights, points[own])
     return _Skin(
-        np.einsum("nk,nkc->nc", samples.weights, points[own]),
+        places,
         unit(np.einsum("nk,nkc->nc", samples.weights, normals[own])),
         samples.area,
+        cKDTree(places),
     )
+
+
+def _sample_fans(cache: Cache, code: float | None) -> Iterator[_Skin]:
+    """Yield samples of the vanes of tails at a time code of a cache, if it has any."""
+    own = [k for k, each in enumerate(cache.feathers) if _FAN in each.id]
+    if own:
+        fans = [cache.feathers[k] for k in own]
+        vanes = [each.triangles[each.side != RACHIS_PART] for each in fans]
+        each = zip(cache.points_of(own, code), vanes, strict=True)
+        corners = np.concatenate([points[triangles] for points, triangles in each])
+        corners = corners @ cache.to_world
+        samples = sample_triangles(corners, _SAMPLES)
+        points = np.einsum("nk,nkc->nc", samples.weights, corners[samples.face])
+        normals = unit(face_products(corners))[samples.face]
+        yield _Skin(points, normals, samples.area, cKDTree(points), two_sided=True)
 
 
 def _intersecting_pairs(cache: Cache, code: float | None) -> list[tuple[str, str]]:
