@@ -353,7 +353,9 @@ class Table:
                     required = replacing.default is REQUIRED
                     result[old.new] = INVALID if required else replacing.default
             else:
-                below = _keys_below(self.keys, name) or _keys_below(place.around, name)
+                below, around = (_keys_below(each, name) for each in (self.keys, place.around))
+                if around and not below and not closest(name, list(self.keys), 1):
+                    below = around
                 result[name] = at.unknown_key(self.keys, below)
         for name, key in self.keys.items() if not partial else ():
             if name in result:
