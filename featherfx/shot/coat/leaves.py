@@ -112,7 +112,8 @@ class MovingCoat:
         self._rachis, self._dorsal = rest.nodes[:, :, 0], rest.directors[:, :, 1]
         self._lain = make_plane_forms(rest.nodes, rest.directors, forms.bare)
         lain = draw(coat, coat.rest, forms, numbers)
-        own = np.broadcast_to(np.eye(3)[1:], lain.directors.shape)
+        # a copy: of another layout all kernels would be compiled once more
+        own = np.broadcast_to(np.eye(3)[1:], lain.directors.shape).copy()
         self._leaves = LeafFeet(
             values=coat.values[numbers],
             feet=lain.feet,
