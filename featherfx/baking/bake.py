@@ -23,7 +23,6 @@ from featherfx.shot.types import Shot
 
 # frames that depths in the skin are measured in, of the hundredths of a bake that judging may take
 _MAX_SKIN_FRAMES = 24
-
 _NONE = {"mean": 0.0, "max": 0.0}
 # phases in the seconds of a report; setting_up is all the rest
 _PHASES = {

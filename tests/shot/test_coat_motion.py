@@ -105,6 +105,17 @@ def lengths(points: RowPoints) -> np.ndarray:
     )
 
 
+def test_second_rates_that_nobody_asks_for_are_nan_and_change_nothing_else():
+    _, _, coat = parts = plumage(bent)
+    found, follow = drawn_at(parts, 0.5), coat.follow
+    coat.follow = lambda *given: follow(*given, with_second=False)
+    without = drawn_at(parts, 0.5)
+    assert np.abs(found[2].nodes).max() > 0.0
+    for own, other in zip(found[:2], without[:2], strict=True):
+        np.testing.assert_array_equal(own.nodes, other.nodes)
+    assert np.isnan(without[2].nodes).all()
+
+
 def test_a_skin_at_rest_leaves_feathers_as_they_are():
     parts = plumage(lambda points, time: points)
     placements, drawn, _ = parts
