@@ -1,5 +1,7 @@
 """Rules for pages: words, sentences, links, terms and names. `python -m tests.pages` judges them.
 
+`python -m tests.pages commands` writes docs/commands.md from the help of each command.
+
 Code blocks are no words; tables are words and no sentences. What a command wrote counts as neither:
 whole pages (GENERATED), and what stands between `<!-- made by: COMMAND -->` and `<!-- end -->`.
 """
@@ -11,10 +13,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import mean
 
+from click.testing import CliRunner
+
+from featherfx.cli.main import main
 from featherfx.groom.keys.renamed import RENAMED
 
 ROOT = Path(__file__).resolve().parents[1]
-GENERATED = {"reference.md", "validation.md", "api.md", "peers.md"}
+GENERATED = {"reference.md", "commands.md", "validation.md", "api.md", "peers.md"}
 # figures with the date of their measurement
 EVIDENCE = {"benchmarks.md", "measurements.md", "skips.md"}
 MAX_WORDS = 40_000  # of all pages
@@ -31,16 +36,15 @@ PATHS = {
     "into a host": (6, "dcc"),
 }
 # words of the pages of a section of the site
-SECTIONS = {"Start": 3_500, "How it works": 6_000}
+SECTIONS = {"Start": 3_500, "How-to": 12_000, "Explanation": 6_000}
 MAX_IMAGE = 1_000_000  # bytes
 # sections whose pages show what one gets, and their pages that have nothing to show
-SHOWN = ("Start", "Grooms and shots", "Results")
-WITHOUT_IMAGE = {"reference.md", "reliability.md"}
+SHOWN = ("Start", "How-to")
 # names in reports and pages, which keys had, too
 MEASURES = {"overlap", "parts", "body"}
 # what a page may have, in words; each other one has the last
-BUDGETS = {"README.md": 400, "usd.md": 1_700}
-MAX_PAGE = 1_500
+BUDGETS = {"README.md": 400, "usd.md": 1_700, "glossary.md": 600}
+MAX_HOW_TO, MAX_PAGE = 900, 1_500
 # the glossary's "instead of", as far as no field uses these words otherwise
 AVOIDED = (
     r"laid coat|coat feathers?|laid over|who lies over whom|sub-steps?|run-up|processor time|"
@@ -129,7 +133,8 @@ def unknown_names(page: Page, known: str) -> list[str]:
 def faults(page: Page, known: str) -> list[str]:
     """Return what is wrong with a page, a line each."""
     found = [f"leads nowhere: {link}" for link in broken_links(page)]
-    limit = BUDGETS.get(Path(page.name).name, MAX_PAGE)
+    name = Path(page.name).name
+    limit = BUDGETS.get(name, MAX_HOW_TO if name in sections()["How-to"] else MAX_PAGE)
     if page.words > limit:
         found.append(f"{page.words} words, {limit} allowed")
     lengths = [len(sentence.split()) for sentence in page.sentences]
@@ -138,9 +143,9 @@ def faults(page: Page, known: str) -> list[str]:
     long = [s for s in page.sentences if len(s.split()) > MAX_SENTENCE]
     found += [f"{len(s.split())} words in a sentence: {s[:60]}..." for s in long]
     prose = "\n".join(page.sentences)
-    if Path(page.name).name not in EVIDENCE:
+    if name not in EVIDENCE:
         found += [f"a date: {date}" for date in re.findall(r"\b20\d\d-\d\d-\d\d\b", prose)]
-    if Path(page.name).name != "dcc.md":  # names of other programs
+    if name != "dcc.md":  # names of other programs
         found += [f"does not exist: {name}" for name in unknown_names(page, known)]
     return found + [f"wrong term: {term}" for term in re.findall(AVOIDED, prose)]
 
@@ -172,8 +177,9 @@ def best_pages(query: str) -> list[str]:
 
 def sections() -> dict[str, list[str]]:
     """Return the pages of each section of the site."""
-    text, found = (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), {}
-    for name, entries in re.findall(r"^  - ([\w ]+):\n((?:      - .*\n)+)", text, re.M):
+    path = Path(__file__).resolve().parents[1] / "mkdocs.yml"
+    text, found = path.read_text(encoding="utf-8"), {}
+    for name, entries in re.findall(r"^  - ([\w -]+):\n((?:      - .*\n)+)", text, re.M):
         found[name] = re.findall(r"- (?:.*/)?(\w+\.md)", entries)
     return found
 
@@ -192,7 +198,7 @@ def faults_of_all(every: list[Page]) -> list[str]:
     for name, limit in SECTIONS.items():
         if (count := sum(words.get(page, 0) for page in parts[name])) > limit:
             found.append(f"{name}: {count} words, {limit} allowed")
-    for page in {page for name in SHOWN for page in parts[name]} - WITHOUT_IMAGE:
+    for page in {page for name in SHOWN for page in parts[name]}:
         if "](images/" not in texts[page]:
             found.append(f"{page}: no image of the result")
     for image in sorted((ROOT / "docs").rglob("*.*")):
@@ -200,6 +206,19 @@ def faults_of_all(every: list[Page]) -> list[str]:
             found.append(f"{image.name}: {image.stat().st_size} bytes, {MAX_IMAGE} allowed")
     total = sum(words.values())
     return found + [f"{total} words, {MAX_WORDS} allowed"] * (total > MAX_WORDS)
+
+
+def describe_commands() -> str:
+    """Return the page of all commands: what `--help` prints, at 100 columns."""
+    text = (
+        "# Commands\n\nWhat `featherfx COMMAND --help` prints (`python -m tests.pages commands`).\n"
+    )
+    for name in sorted(main.commands):
+        shown = CliRunner().invoke(
+            main, [name, "--help"], prog_name="featherfx", terminal_width=100
+        )
+        text += f"\n## {name}\n\n```text\n{shown.output.rstrip()}\n```\n"
+    return text
 
 
 def check() -> int:
@@ -217,4 +236,7 @@ def check() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(bool(check()))
+    if sys.argv[1:] == ["commands"]:
+        (ROOT / "docs/commands.md").write_text(describe_commands(), encoding="utf-8")
+    else:
+        sys.exit(bool(check()))

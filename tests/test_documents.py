@@ -14,7 +14,15 @@ from pathlib import Path
 import numpy as np
 import pages as pages_of_docs
 import pytest
-from pages import best_pages, faults, faults_of_all, known_names, pages, read_page
+from pages import (
+    best_pages,
+    describe_commands,
+    faults,
+    faults_of_all,
+    known_names,
+    pages,
+    read_page,
+)
 from redraw import missing_inputs, recipes
 
 import featherfx
@@ -131,6 +139,11 @@ def test_the_pages_keep_to_their_rules():
     wrong = {page.name: found for page in pages() if (found := faults(page, known))}
     assert not wrong
     assert faults_of_all(pages()) == []
+
+
+def test_the_page_of_commands_is_what_help_prints():
+    page = (ROOT / "docs/commands.md").read_text(encoding="utf-8")
+    assert page == describe_commands(), "run python -m tests.pages commands"
 
 
 def test_pages_that_take_longer_or_show_nothing_are_noticed():
