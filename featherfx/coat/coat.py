@@ -35,9 +35,9 @@ from featherfx.coat.ties import (
     StackedLeaves,
     find_gaps,
     find_overlaps,
+    find_roll_rooms,
     fit_ties,
     limit_lifts,
-    limit_rolls,
 )
 from featherfx.errors import count_feathers
 from featherfx.files.background import count_cores
@@ -60,7 +60,8 @@ class Coat:
     (F, 3) barycentric, of the follicles; heading: (F, 2) of the rachises, by the sides of their
     triangles from its first corner. values: (F,) m, p. depths: (F,) m, of the follicles
     under their leaves. deviations: (F, 2) m and rad, by which each tip is lifted
-    besides, and roll; as far as there is room once it is stacked.
+    besides, and roll; as far as there is room once it is stacked. rooms: (F,) rad, by which each
+    may roll.
     """
 
     mesh: CoatMesh
@@ -71,6 +72,7 @@ class Coat:
     values: Array
     depths: Array
     deviations: Array
+    rooms: Array
 
     def roots(self, carrier: Carrier) -> RootArrays:
         """The follicles on the carrier in a pose."""
@@ -81,14 +83,15 @@ class Coat:
         return RootArrays(own.triangle, own.place, ways, value, self.depths, roll)
 
     def arrays(self, carrier: Carrier, lift: Array | None = None) -> CarrierArrays:
-        """The carrier in a pose as kernels take it. lift: (V, 2) m, a and b besides the coat's
+        """The carrier in a pose as kernels take it. lift: (V, 2) m, a and r besides the coat's
         own. What presses the coat down keeps a part of the space between leaves."""
         own, mesh = self.fields, self.mesh
-        tips, bases = np.zeros((2, len(own.phi))) if lift is None else lift.T
-        room = own.thickness * slope_of_leaf(np.ones(1), own.steepness)
-        pressed = _PRESSED_SHARE * room * np.expm1(np.minimum(tips, 0.0) / (_PRESSED_SHARE * room))
-        tips = own.lift + np.maximum(tips, 0.0) + pressed
-        columns = own.phi, own.gain, own.thickness, own.steepness, tips, bases
+        bent, raised = np.zeros((2, len(own.phi))) if lift is None else lift.T
+        down = np.minimum(bent, 0.0) + np.minimum(raised, 0.0)
+        room = _PRESSED_SHARE * own.thickness * slope_of_leaf(np.ones(1), own.steepness)
+        tips = own.lift + np.maximum(bent, 0.0) + room * np.expm1(down / room)
+        raised = np.maximum(raised, 0.0)
+        columns = own.phi, own.gain, own.thickness, own.steepness, tips, raised
         return CarrierArrays(
             points=carrier.points,
             normals=carrier.normals,
@@ -122,7 +125,8 @@ def grow_coat(
     sides = np.linalg.pinv(_sides(rest, mesh, follicles.triangle))
     own = np.einsum("fij,fj->fi", sides, follicles.heading)
     values = follicles.corners(mesh, fields.phi)
-    coat = Coat(mesh, rest, fields, follicles, own, values, np.zeros(len(values)), tilts)
+    depths, rooms = np.zeros(len(values)), np.full(len(values), np.inf)
+    coat = Coat(mesh, rest, fields, follicles, own, values, depths, tilts, rooms)
     return replace(coat, depths=_find_depths(coat))
 
 
@@ -139,11 +143,12 @@ class StackReport:
     """Result of the ties of a coat.
 
     pairs: number of feathers that overlap, in pairs. shares: (F,) of its gap that a feather has
-    got.
+    got. cut: (F, 2) m and rad, lift of its tip and roll that it has no room for.
     """
 
     pairs: int
     shares: Array
+    cut: Array
 
 
 def stack(coat: Coat, footprints: PlaneForms) -> tuple[Coat, StackReport]:
@@ -156,21 +161,21 @@ def stack(coat: Coat, footprints: PlaneForms) -> tuple[Coat, StackReport]:
     gaps = find_gaps(fields, vertex, overlaps, sagitta)
     gain = coat.follicles.corners(coat.mesh, fields.gain)
     found = fit_ties(coat.values, gain, gaps, overlaps)
-    stacked = replace(coat, values=found.values, deviations=_deviate(coat, overlaps, found.values))
-    return replace(stacked, depths=_find_depths(stacked)), StackReport(len(gaps), found.shares)
+    stacked = _deviate(replace(coat, values=found.values), overlaps)
+    cut = np.abs(coat.deviations - stacked.deviations)
+    report = StackReport(len(gaps), found.shares, cut)
+    return replace(stacked, depths=_find_depths(stacked)), report
 
 
-def _deviate(coat: Coat, overlaps: Overlaps, values: Array) -> Array:
-    """Return (F, 2) m and rad, how feathers deviate from their leaves as far as these leave room.
-
-    values: (F,) m, stacked.
-    """
+def _deviate(coat: Coat, overlaps: Overlaps) -> Coat:
+    """The coat, stacked, with deviations from its leaves as far as these leave room."""
     own, fields = coat.follicles, coat.fields
     columns = fields.gain, fields.thickness, fields.steepness
-    stacked = StackedLeaves(values, *(own.corners(coat.mesh, each) for each in columns))
+    leaves = StackedLeaves(coat.values, *(own.corners(coat.mesh, each) for each in columns))
     lift, roll = coat.deviations.T
-    found = limit_lifts(lift, stacked, overlaps), limit_rolls(roll, own.width, stacked, overlaps)
-    return np.stack(found, axis=1)
+    rooms = find_roll_rooms(own.width, leaves, overlaps)
+    found = limit_lifts(lift, leaves, overlaps), np.clip(roll, -rooms, rooms)
+    return replace(coat, deviations=np.stack(found, axis=1), rooms=rooms)
 
 
 def _find_bends(coat: Coat) -> Array:

@@ -2,11 +2,12 @@
 
 Leaf of the stacking value p, with n the smoothed normal over the foot x:
 
-    y = x + h n,   h = T (d + g(s)) + (a + c) w(s) + b,   s = (phi - p) / q
-    g = (1 - exp(-k s)) / (1 - exp(-k)) for s > 0, and straight on below;   w = s^2 for s > 0
+    y = x + h n,   h = T (d + g(s)) + (a + c) w(s) + r v(s),   s = (phi - p) / q
+    g = (1 - exp(-k s)) / (1 - exp(-k)) for s > 0, and straight on below
+    w = s^2,   v = (1 + e) s^2 / (s + e) for s > 0
 
-c lifts the feather's own tip. Its vane rolls about the rachis: a point beside that lies higher by
-its distance times the roll.
+r raises feathers about their roots, a bends them up, c lifts the feather's own tip. Its vane rolls
+about the rachis: a point beside that lies higher by its distance times the roll.
 
 x lies on the carrier rounded over its facets (Phong tessellation, Boubekeur and Alexa 2008). A line
 over the carrier keeps its direction in the plane of the smoothed normals, which turn steadily from
@@ -43,13 +44,14 @@ _MAX_FALL, _MAX_BARB_FALL = 0.05, 0.5
 _MAX_TRIANGLES = 400  # that one chord passes over
 _CHORDS = 2  # that are drawn for one of the right length; always as many: shapes move smoothly
 _MIN_CHORD = 0.05  # of its length, that a chord on the carrier has
+HINGE = 0.15  # e: of a feather's length, in which it turns where it is raised
 _TINY = 1e-12  # of unit vectors and barycentric coordinates
 
 
 class CarrierArrays(NamedTuple):
     """A carrier as kernels take it; shapes as of CoatMesh, Carrier and TriangleElements.
 
-    fields: (V, 6) phi (m), q (m), T (m), k, a (m) and b (m).
+    fields: (V, 6) phi (m), q (m), T (m), k, a (m) and r (m).
     """
 
     points: Array
@@ -172,6 +174,15 @@ def _shape(s, k):
 
 
 @kernel
+def _raised_share(s):
+    """v and its rate by s."""
+    if s <= 0.0:
+        return 0.0, 0.0
+    far = s + HINGE
+    return (1.0 + HINGE) * s * s / far, (1.0 + HINGE) * s * (s + 2.0 * HINGE) / (far * far)
+
+
+@kernel
 def _round(carrier, triangle, b, x):
     """The point of the round surface over a foot at x of its facet."""
     face, found = carrier.faces[triangle], x
@@ -190,16 +201,17 @@ def leaf_point(carrier, triangle, b, leaf):
     normal = unit(_mixed(b, carrier.normals, face, 0))
     x = _round(carrier, triangle, b, _mixed(b, carrier.points, face, 0))
     phi, gain, thickness = _mixed(b, carrier.fields, face, 0)
-    steepness, lift, base = _mixed(b, carrier.fields, face, 3)
+    steepness, lift, rise = _mixed(b, carrier.fields, face, 3)
     s, lift = (phi - leaf[0]) / gain, lift + leaf[1]
     g, rate = _shape(s, steepness)
     ahead = max(s, 0.0)
-    height = thickness * (DOWN_SHARE + g) + lift * ahead * ahead + base
-    by_s = (thickness * rate + 2.0 * lift * ahead) / gain
+    raised, raising = _raised_share(s)
+    height = thickness * (DOWN_SHARE + g) + lift * ahead * ahead + rise * raised
+    by_s = (thickness * rate + 2.0 * lift * ahead + rise * raising) / gain
     slope = 0.0, 0.0, 0.0
     for k in range(3):
         own, hat = carrier.fields[face[k]], carrier.gradients[triangle, k]
-        change = (DOWN_SHARE + g) * own[2] + ahead * ahead * own[4] + own[5]
+        change = (DOWN_SHARE + g) * own[2] + ahead * ahead * own[4] + raised * own[5]
         slope = combined(1.0, slope, change + by_s * (own[0] - s * own[1]), hat)
     return combined(1.0, x, height, normal), normal, slope, s
 

@@ -155,11 +155,9 @@ def limit_lifts(wanted: Array, leaves: StackedLeaves, overlaps: Overlaps) -> Arr
     return np.array(found)
 
 
-def limit_rolls(wanted: Array, width: Array, leaves: StackedLeaves, overlaps: Overlaps) -> Array:
-    """Return (F,) rad, rolls whose edges stay between the leaves around. wanted: (F,) rad. width:
-    (F,) m."""
+def find_roll_rooms(width: Array, leaves: StackedLeaves, overlaps: Overlaps) -> Array:
+    """Return (F,) rad, rolls by which edges stay between the leaves around. width: (F,) m."""
     _, room = _find_rooms(leaves, overlaps)
-    least = np.full(len(wanted), np.inf)
+    least = np.full(len(width), np.inf)
     np.minimum.at(least, overlaps.pairs.ravel(), np.repeat(room, 2))
-    most = np.minimum(_ROLL_PART * least / (0.5 * width), np.abs(wanted))
-    return np.asarray(np.copysign(most, wanted))
+    return np.asarray(_ROLL_PART * least / (0.5 * width))

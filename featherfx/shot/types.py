@@ -251,10 +251,11 @@ class Channel(SomeFeathers):
     name: Annotated[
         str,
         Text(tuple(CHANNELS)),
-        "ruffle: degrees by which follicles raise the shafts; sleek: press them down, a coat by "
-        "half of the way to its skin at most; turn: about the shaft, leading vane up; fan: spread "
+        "ruffle: degrees by which follicles raise the shafts, a coat by 80 at most; sleek: press "
+        "them down, a coat by half of the way to its skin at most; turn: about the shaft, leading "
+        "vane up, in a coat as far as there is room; fan: spread "
         "the feathers apart, in all; fold: 0 to 1, how far all come to their mean direction; "
-        "puff: m by which roots rise; stiffness, damping, wind, "
+        "puff: m by which tips of a coat rise, and roots of others; stiffness, damping, wind, "
         "gravity: times what it is; follow: share of the simulated deviation from the rest shape "
         "that is shown, 0 rigid, 1 all, above 1 exaggerated.",
     ]

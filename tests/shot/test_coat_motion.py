@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -13,9 +14,10 @@ from pxr import Usd, UsdGeom
 
 import featherfx
 from featherfx.algebra.rotation import vectors_to_frames
+from featherfx.feather.crossings import find_intersections, make_patches
 from featherfx.feather.leaves import lay_out
 from featherfx.feather.placed_feathers import build_feathers
-from featherfx.feather.types import RowPoints, both, stacked
+from featherfx.feather.types import RACHIS_PART, RowPoints, both, stacked
 from featherfx.groom.types import Groom, Layout
 from featherfx.shot.clock import StageClock
 from featherfx.shot.coat.leaves import CarriedPoints, MovingCoat
@@ -161,7 +163,7 @@ def test_lengths_and_the_order_of_leaves_hold_on_a_bent_skin(time):
     assert_in_order(parts[0], *heights(found, time))
 
 
-def assert_in_order(placements, height, at):
+def assert_in_order(placements, height, at, overlapping=True):
     """Whoever is ranked higher lies higher along the same line of the sheet."""
     rows = np.unique([p.position[1].round(6) for p in placements])
     for row in rows:
@@ -170,7 +172,7 @@ def assert_in_order(placements, height, at):
         for low, high in pairwise(own):
             inside = (at[high] > at[low, 1]) & (at[high] < at[low, -1])
             under = np.interp(at[high][inside], at[low], height[low])
-            assert inside.any()
+            assert inside.any() or not overlapping
             assert (height[high][inside] > under).all()
 
 
@@ -233,7 +235,7 @@ def test_velocities_are_derivatives_of_what_is_drawn():
 def sheet_shot(tmp_path):
     """Write a shot of rigid feathers on a square skin, of which poses gives points a frame."""
 
-    def make(poses, more=""):
+    def make(poses, more="", length=0.03):
         side = np.linspace(0.0, 0.1, 6)
         stage = Usd.Stage.CreateInMemory()
         UsdGeom.SetStageUpAxis(stage, "Z")
@@ -254,7 +256,7 @@ def sheet_shot(tmp_path):
         stage.Export(str(tmp_path / "skin.usda"))
         (tmp_path / "groom.toml").write_text(
             "name = 'g'\n[skin]\nusd = 'skin.usda'\nprim = '/skin'\n[layout]\n[[region]]\n"
-            "id = 'r'\nkind = 'body_contour'\ncount = 20\nlength = 0.03\n"
+            f"id = 'r'\nkind = 'body_contour'\ncount = 20\nlength = {length}\n"
             "flow = { direction = [1, 0, 0] }\n"
         )
         shot = tmp_path / "shot.toml"
@@ -290,14 +292,62 @@ def test_velocities_on_a_slow_skin_have_no_noise_of_single_precision(sheet_shot,
     assert np.percentile(off, 99) < 0.03 * rms
 
 
-def test_a_channel_rolls_feathers_of_a_coat(sheet_shot):
+@pytest.mark.parametrize(("length", "roll"), [(0.006, 40.0), (0.03, 0.5)])
+def test_a_channel_rolls_feathers_as_far_as_leaves_leave_room(sheet_shot, length, roll):
     turned = {}
     for angle in (0, 40):
         shot = sheet_shot(
             lambda points, k: points + np.outer(0.02 * k * points[:, 0], [0.0, 0.0, 1.0]),
             f"[[channel]]\nname = 'turn'\nkeys = [[1, {angle}]]\n",
+            length,
         )
-        *_, last = simulate(shot)
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            *_, last = simulate(shot)
         turned[angle] = [pose.points.directors[1, 1] for pose in last.poses]
-    roll = [np.degrees(np.arccos(a @ b)) for a, b in zip(*turned.values(), strict=True)]
-    assert np.median(roll) == pytest.approx(40.0, abs=4.0)
+    found = [np.degrees(np.arccos(a @ b)) for a, b in zip(*turned.values(), strict=True)]
+    assert np.median(found) == pytest.approx(roll, rel=0.1)
+    said = [str(each.message) for each in told if "of the coat roll" in str(each.message)]
+    assert len(said) == (roll < 40.0)
+    assert all("of 40 degrees" in each for each in said)
+
+
+def count_intersecting(drawn, points: RowPoints) -> int:
+    """Count the pairs of feathers whose vanes intersect."""
+    own = points.each()
+    placed = [feather.surface.points(each) for feather, each in zip(drawn, own, strict=True)]
+    meshes = [
+        (each, feather.surface.triangles, feather.surface.part == RACHIS_PART, k)
+        for k, (each, feather) in enumerate(zip(placed, drawn, strict=True))
+    ]
+    found = find_intersections(np.concatenate(placed), make_patches(meshes))
+    return int((found.vanes > 0).sum())
+
+
+@pytest.mark.parametrize("pitch", [-60.0, -10.0, 10.0, 35.0, 80.0])
+@pytest.mark.parametrize("chosen", [slice(None), slice(0, None, 3), slice(20)])
+def test_feathers_that_channels_raise_stay_in_order(pitch, chosen):
+    """All of them, some among others, and one side of a border, on a bent skin."""
+    placements, drawn, _ = parts = plumage(bent)
+    led = np.array([each.rotation for each in placements])
+    turn = vectors_to_frames(np.array([0.0, -np.radians(pitch), 0.0]))
+    led[chosen] = led[chosen] @ turn
+
+    def bend(points: RowPoints) -> RowPoints:
+        roots = [RowPoints(points.nodes[:, :1, :1], points.directors[:, :1])]
+        return stacked(
+            [place(f.rest, x[0, 0], r) for f, x, r in zip(drawn, roots[0].nodes, led, strict=True)]
+        )
+
+    rest, still = drawn_at(parts, 0.0)[0], drawn_at(parts, 0.5)[0]
+    found = drawn_at(parts, 0.5, bend=bend, led=led)[0]
+    np.testing.assert_allclose(lengths(found), lengths(rest), rtol=1e-6, atol=1e-12)
+    up, at = heights(found, 0.5)
+    assert_in_order(placements, up, at, overlapping=pitch < 70.0)
+    assert count_intersecting(drawn, found) <= count_intersecting(drawn, still)
+    if pitch > 0.0 and chosen == slice(None):
+        angles = [
+            np.degrees(np.arctan2(up[:, -1] - up[:, 3], at[:, -1] - at[:, 3]))
+            for up, at in (heights(each, 0.5) for each in (still, found))
+        ]
+        assert np.median(angles[1] - angles[0]) == pytest.approx(pitch, rel=0.2)

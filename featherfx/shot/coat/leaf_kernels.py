@@ -7,7 +7,8 @@ over a pose is
 
 Images are stretched as the skin is, so they give directions. The rachis runs along the polyline of
 its images in chords of its own lengths. A barb goes along with its row to where that comes to lie,
-in pieces of its own lengths. Turns within the vane are about the normals of the rows.
+in pieces of its own lengths, at its own angle where its leaf is stretched along the rachis. Turns
+within the vane are about the normals of the rows, rolls about their tangents.
 """
 
 from math import atan2, cos, sin, sqrt
@@ -43,12 +44,13 @@ class VaneMotion(NamedTuple):
     """Feathers whose turns within their vanes are drawn, K of them, and K at rest.
 
     nodes: (K, n, 1 + 2 m, 3) m. directors: (K, n, 2, 3). first: (K,) rad, turn of the first row.
-    rest: plane forms at rest.
+    roll: (K,) rad, of the vane about the rachis. rest: plane forms at rest.
     """
 
     nodes: Array
     directors: Array
     first: Array
+    roll: Array
     rest: PlaneForms
 
 
@@ -146,15 +148,28 @@ def _frame(along, up):
 
 
 @kernel
-def _row_frames(room, i):
-    """Frames of a row of the drawn rachis, and of its image."""
+def _row_frames(room, steps, i):
+    """Frames of a row of the drawn rachis, and of its image, whose first axis is as long as its
+    chords are against their own lengths (n - 1)."""
     rows, k, part = room.up.shape[0], room.row[i], min(room.part[i], 1.0)
     low, high = max(i - 1, 0), min(i + 1, rows - 1)
     up = combined(1.0 - part, room.up[k], part, room.up[k + 1])
     drawn = _frame(sub(room.rachis[high], room.rachis[low]), up)
     own = room.up[i]
     along = sub(room.image[high, 0], room.image[low, 0])
-    return drawn, _frame(along, (own[0], own[1], own[2]))
+    size = 0.0
+    for k in range(low, high):
+        size += length(sub(room.image[k + 1, 0], room.image[k, 0])) / steps[k]
+    axes = _frame(along, (own[0], own[1], own[2]))
+    return drawn, (scale((high - low) / size, axes[0]), axes[1], axes[2])
+
+
+@kernel
+def _rolled(axes, angle):
+    """Three axes turned about the first by an angle, rad."""
+    along, side, normal = axes
+    c, s = cos(angle), sin(angle)
+    return along, combined(c, side, s, normal), combined(c, normal, -s, side)
 
 
 @kernel
@@ -197,7 +212,8 @@ def draw_over(carrier, leaves, motion, made, room, low, high):
         first = room.rachis[0]
         at = first[0], first[1], first[2]
         for i in range(rows):
-            axes, imaged = _row_frames(room, i)
+            axes, imaged = _row_frames(room, leaves.steps[f], i)
+            axes = _rolled(axes, motion.roll[f])
             store(nodes[f, i, 0], at)
             for k in range(2):
                 own = _from_axes(leaves.directors[f, i, k], axes)

@@ -6,13 +6,15 @@ roots, and y0 those at rest, a feather deviates from its leaf
     within the vane     by the angles of its plane form, which it keeps,
     across it           by z = (y - y0) . n0,  n0 the normal of its rows at rest.
 
-What all feathers deviate across their vanes is one field of lift over the coat (coat/coat.py), so
-that leaves stay in order:
+Channels turn roots on those that the skin carries: z is seen from theirs. They raise a feather of
+length l by l tan(pitch) and by the way that its root rises, turn its first row, and roll it. What
+all feathers deviate across their vanes, and are raised by, are two fields of lift over the coat
+(coat/leaf_kernels.py), so that leaves stay in order at any amount:
 
-    h = T (d + g(s)) + a w(s) + b,   a = mean of (z - z_root) / w,  b = mean of z_root,
+    h = T (d + g(s)) + a w(s) + r v(s),   a = mean of z / w,   r = mean of what they are raised by,
 
-means over the skin, of a by the weights w(s)^2. Channels move roots off those that the skin
-carries: z_root is theirs, and so is the turn of the first row. Solved rows at the roots have the
+means over the skin by the weights w(s)^2 and v(s)^2. A vane rolls as far as leaves leave room, x of
+m as x / sqrt(1 + (x / m)^2). Solved rows at the roots have the
 velocities of the integrator, which ring. Rates are differences of what is drawn.
 """
 
@@ -25,13 +27,14 @@ from functools import cached_property
 
 import numpy as np
 
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array
 from featherfx.algebra.vectors import dots, face_products, unit
 from featherfx.coat.carrier import pose_carrier
+from featherfx.coat.ceiling import limit_rises
 from featherfx.coat.coat import Coat, draw, share_out
 from featherfx.coat.fields import SkinMeans, SkinPlaces
 from featherfx.coat.forms import make_plane_forms
-from featherfx.coat.leaf_kernels import CarrierArrays
+from featherfx.coat.leaf_kernels import HINGE, CarrierArrays
 from featherfx.feather.leaves import plane_forms
 from featherfx.feather.shapes import build_plane_feathers
 from featherfx.feather.types import Feather, RowPoints, both, stacked
@@ -48,6 +51,8 @@ _LIFT_REACH = 0.5
 # of the time between two samples, by which the times are apart from which rates are found: first
 # ones, whose errors grow with it, and second ones, which differences of rounding would swamp
 _INSTANT, _STEP_RATIO = 1e-4, 0.02
+_LEAST_ROOM = 1e-9  # rad, to roll in
+_LEAST_COSINE = 0.1  # of the pitch of roots: steeper ones raise a coat no further
 _NO_HEIGHT = 1e-9  # m, of the coat's points off the skin of the shot
 
 
@@ -94,7 +99,10 @@ class PosedFeathers:
 
 
 class MovingCoat:
-    """Some feathers of a coat on a skin that moves. placements, drawn: of the K feathers."""
+    """Some feathers of a coat on a skin that moves.
+
+    placements, drawn: of the K feathers. ceiling: (V,) m, by which the coat may rise.
+    """
 
     def __init__(
         self,
@@ -102,13 +110,16 @@ class MovingCoat:
         skin: CarriedPoints,
         placements: Sequence[Placement],
         drawn: Sequence[Feather],
+        ceiling: Array | float = np.inf,
     ) -> None:
+        self._ceiling = np.broadcast_to(ceiling, len(coat.mesh.points))
         self._coat, self._skin = coat, skin
         self._pool = ThreadPoolExecutor(count_cores())
         self._numbers = numbers = np.array([each.leaf.number for each in placements])
         plane = build_plane_feathers(placements, drawn[0].rows, drawn[0].columns)
         forms = plane_forms(placements, plane)
         rest = stacked([feather.rest for feather in drawn])
+        self._length = coat.follicles.length[numbers]
         self._rachis, self._dorsal = rest.nodes[:, :, 0], rest.directors[:, :, 1]
         self._lain = make_plane_forms(rest.nodes, rest.directors, forms.bare)
         lain = draw(coat, coat.rest, forms, numbers)
@@ -125,23 +136,27 @@ class MovingCoat:
         )
         arrays = coat.arrays(coat.rest)
         kernels.find_offsets(arrays, self._leaves, lain.nodes, 0, len(numbers))
-        still = VaneMotion(*rest, np.zeros(len(numbers)), self._lain)
+        flat = np.zeros(len(numbers))
+        still = VaneMotion(*rest, flat, flat, self._lain)
         side, normal = self._draw(arrays, still).directors.swapaxes(0, 2).swapaxes(1, 2)
         axes = np.stack([np.cross(side, normal), side, normal], axis=-2)
         self._leaves = self._leaves._replace(directors=lain.directors @ axes.swapaxes(-1, -2))
-        place = np.maximum(lain.places[:, :, 0], 0.0)
-        self._place = np.where(place > 0.0, place, 1.0)
-        self._tips = self._means(lain.feet[:, :, 0].ravel(), place.ravel() ** 4)
+        self._feet, self._place = lain.feet[:, :, 0], np.maximum(lain.places[:, :, 0], 0.0)
+        self._tips = self._means(self._place**4)
+        left = coat.rooms[numbers] - np.abs(coat.deviations[numbers, 1])
+        self._rooms = np.maximum(left, _LEAST_ROOM)
 
     @cached_property
-    def _bases(self) -> SkinMeans:
-        return self._means(self._coat.follicles.triangle[self._numbers], 1.0)
+    def _raised(self) -> SkinMeans:
+        shares = (1.0 + HINGE) * self._place**2 / (self._place + HINGE)
+        return self._means(shares**2)
 
-    def _means(self, triangle: Indices, weights: Array | float) -> SkinMeans:
-        coat = self._coat
+    def _means(self, weights: Array) -> SkinMeans:
+        """Means over the skin of what rachises have at their nodes. weights: (F, n)."""
+        coat, triangle = self._coat, self._feet.ravel()
         reach = _LIFT_REACH * float(np.median(coat.follicles.length))
         middle = SkinPlaces(triangle, np.full((len(triangle), 3), 1.0 / 3.0))
-        return SkinMeans(coat.rest.elements, coat.mesh.faces, reach, middle, weights)
+        return SkinMeans(coat.rest.elements, coat.mesh.faces, reach, middle, weights.ravel())
 
     def follow(
         self,
@@ -179,20 +194,38 @@ class MovingCoat:
         return [now, both(lambda x, y: (x - y) / instant, now, before), second]
 
     def _lift(self, posed: PosedFeathers) -> Array:
-        """(V, 2) m, a and b of the coat."""
-        position, rotation = posed.roots
+        """(V, 2) m, a and r of the coat."""
+        position, rotation = posed.led
         local = (posed.points.nodes[:, :, 0] - position[:, None]) @ rotation
         across = np.einsum("fnk,fnk->fn", local - self._rachis, self._dorsal)
-        root = dots(posed.led.positions - position, rotation[:, :, 2])
-        tips = self._tips(((across - root[:, None]) / self._place**2).ravel())
-        bases = self._bases(root) if root.any() else np.zeros_like(tips)
-        return np.stack([tips, bases], axis=1)
+        bent = self._tips((across / np.where(self._place > 0.0, self._place, 1.0) ** 2).ravel())
+        up = posed.roots.rotations[:, :, 2]
+        sine = dots(rotation[:, :, 0], up)
+        rise = dots(position - posed.roots.positions, up)
+        rise += self._length * sine / np.sqrt(np.maximum(1.0 - sine * sine, _LEAST_COSINE**2))
+        if not rise.any():
+            return np.stack([bent, np.zeros_like(bent)], axis=1)
+        raised = self._raised(np.repeat(rise, self._feet.shape[1]))
+        return np.stack([bent, limit_rises(raised, self._ceiling)], axis=1)
 
     def _motion(self, posed: PosedFeathers) -> VaneMotion:
-        """Return what turns within the vanes."""
-        forward = posed.led.rotations[:, :, 0]
-        x, y = (dots(forward, posed.roots.rotations[:, :, k]) for k in range(2))
-        return VaneMotion(*posed.points, np.arctan2(y, x), self._lain)
+        """Return what turns within the vanes, and what they roll by."""
+        led, own = posed.led.rotations, posed.roots.rotations
+        x, y = (dots(led[:, :, 0], own[:, :, k]) for k in range(2))
+        first = np.arctan2(y, x)
+        side = np.cross(own[:, :, 2], led[:, :, 0])
+        roll = np.arctan2(-dots(side, led[:, :, 2]), dots(side, led[:, :, 1]))
+        return VaneMotion(*posed.points, first, self.limit_rolls(roll), self._lain)
+
+    def limit_rolls(self, rolls: Array) -> Array:
+        """Return (K,) rad, rolls as far as leaves leave room. rolls: (K,) rad."""
+        return np.asarray(rolls / np.hypot(1.0, rolls / self._rooms))
+
+    def limit_tips(self, rises: Array) -> Array:
+        """Return (K,) m, rises of tips as far as what lies over the coat leaves room. rises: (K,)
+        m."""
+        faces = self._coat.mesh.faces[self._feet[:, -1]]
+        return limit_rises(rises, self._ceiling[faces].mean(axis=1))
 
     def _draw(self, arrays: CarrierArrays, motion: VaneMotion) -> RowPoints:
         """The feathers over a carrier."""

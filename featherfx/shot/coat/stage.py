@@ -7,13 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from featherfx.algebra.types import Flags
-from featherfx.errors import InputWarning
+from featherfx.algebra.types import Array, Flags
+from featherfx.coat.ceiling import find_ceiling
+from featherfx.coat.coat import Coat
+from featherfx.errors import InputWarning, count_feathers
+from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import stacked
 from featherfx.shot.clock import StageClock
 from featherfx.shot.coat.leaves import CarriedPoints, MovingCoat
 from featherfx.shot.contact.skin_binding import surfaces_under
-from featherfx.shot.frames import FeatherPose
+from featherfx.shot.direction.channels import courses
+from featherfx.shot.direction.roots import OPEN
+from featherfx.shot.frames import FeatherPose, place
 from featherfx.shot.loop.groups import ALONE
 from featherfx.shot.loop.run import Stage
 from featherfx.shot.motion.cuts import CutRoots
@@ -23,6 +28,10 @@ from featherfx.shot.patterns import last_fitting
 from featherfx.shot.preroll import RunUpRoots
 from featherfx.shot.roots import RootFrames, Roots, root_rates
 
+_TOLD_RATIO = 0.1  # of what channels ask for, that feathers miss without a warning
+_ROLLED = "the leaves around leave no room. Lower the density of their regions, or ruffle them"
+_RAISED = "wings, tail or rows lie over it. Open these first, or leave out the regions below"
+_CEILING_GRID = 21, 4  # rows and columns of what lies over a coat
 _RATES = "points", "velocities", "accelerations"
 
 
@@ -40,29 +49,64 @@ class CoatStage(Stage):
         self._coat: MovingCoat | None = None
         self._members = run.wanted[self._may_lie()[run.wanted]]
         surfaces = [each for each, _ in surfaces_under(shot.skin, self._members, shot.run_up)]
-        surfaces = [] if all(each.surface.sampled is None for each in surfaces) else surfaces
+        is_still = all(each.surface.sampled is None for each in surfaces) and not shot.channels
+        surfaces = [] if is_still else surfaces
         self._sound = [each for each in surfaces if each.surface.closed.any()]
         if not surfaces:
             return
         own = [shot.groom.feathers[f] for f in self._members]
         coat = shot.groom.coat.coat
         skin = CarriedPoints(coat.mesh.points, surfaces)
-        self._coat = MovingCoat(coat, skin, own, [run.drawn[f] for f in self._members])
+        ceiling = self._find_ceiling(coat) if shot.channels else np.inf
+        self._coat = MovingCoat(coat, skin, own, [run.drawn[f] for f in self._members], ceiling)
         self._motion: Roots = run.motion
         if shot.channels:  # which turn feathers on their leaves
             plain = undirected_motion(shot)
             whole: Roots = RunUpRoots(plain, shot.run_up) if shot.run_up.duration else plain
             clock = StageClock(0.0, 1.0, shot.frames_per_second, shot.frame_cuts)
             self._motion = CutRoots(whole, clock)
+            self._warn_of_limits(self._coat)
+
+    def _warn_of_limits(self, coat: MovingCoat) -> None:
+        """Warn once of feathers whose channels ask for more than there is room for."""
+        shot, placements = self.run.shot, [self.run.shot.groom.feathers[f] for f in self._members]
+        wanted = {name: np.zeros(len(placements)) for name in ("turn", "ruffle", "puff")}
+        for course in courses(shot, tuple(wanted)):
+            peak = np.abs(course.curve.values).max()
+            wanted[course.channel.name] += peak * course.weights[self._members]
+        length = np.array([each.kind.length for each in placements])
+        turn, ruffle = np.radians(wanted["turn"]), np.radians(wanted["ruffle"])
+        rise = length * np.tan(np.minimum(ruffle, OPEN)) + wanted["puff"]
+        for what, asked, got, (unit, per), rest in (
+            ("roll", turn, coat.limit_rolls(turn), ("degrees", np.radians(1.0)), _ROLLED),
+            ("rise", rise, coat.limit_tips(rise), ("mm", 1e-3), _RAISED),
+        ):
+            less = np.flatnonzero(asked - got > _TOLD_RATIO * asked)
+            if len(less):
+                worst = less[(asked - got)[less].argmax()]
+                message = (
+                    f"{shot.source}: channel: {count_feathers(len(less))} of the coat {what} by"
+                    f" less than channels ask for, as '{placements[worst].id}'"
+                    f" by {got[worst] / per:.2g} of {asked[worst] / per:.3g} {unit}: {rest}"
+                )
+                warnings.warn(message, InputWarning, stacklevel=2)
+
+    def _find_ceiling(self, coat: Coat) -> Array:
+        """Return (V,) m, by which a coat may rise under the feathers that are not of it."""
+        others = [each for each in self.run.shot.groom.feathers if each.leaf is None]
+        shapes = build_feathers(others, *_CEILING_GRID) if others else []
+        points = [
+            place(shape.rest, own.position, own.rotation).nodes.reshape(-1, 3)
+            for shape, own in zip(shapes, others, strict=True)
+        ]
+        return find_ceiling(coat, np.concatenate([np.empty((0, 3)), *points]))
 
     def _may_lie(self) -> Flags:
         """(F,) feathers of the coat that nothing but skin, loads, guides and channels moves."""
         run, shot = self.run, self.run.shot
         placements = shot.groom.feathers
         led = {each.feather for each in shot.grips}
-        # leaves have no room for feathers that are rolled about their rachis
-        rolled = [each for each in shot.channels if each.name == "turn"]
-        rules = last_fitting((*shot.detachments, *shot.targets, *rolled), placements)
+        rules = last_fitting((*shot.detachments, *shot.targets), placements)
         free = [
             each.leaf is not None and each.id not in led and rule < 0
             for each, rule in zip(placements, rules, strict=True)

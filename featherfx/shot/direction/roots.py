@@ -15,7 +15,8 @@ What is pressed down over a skin, by an angle a = sleek - ruffle above 0, turns 
 
 r the angle that is between the feather and the skin at rest. So heights over the skin shrink by one
 factor, the order of feathers over each other stays, and none is pressed into the skin. Wings and
-tails, which stand off it, turn by the angle itself.
+tails, which stand off it, turn by the angle itself. The leaves of a coat, which take over what
+roots do (shot/coat/leaves.py), open by an angle a up to a / (1 + (a / OPEN)^8)^(1/8).
 """
 
 from __future__ import annotations
@@ -38,6 +39,8 @@ from featherfx.shot.types import Shot
 _NAMES = ("ruffle", "sleek", "turn", "fan", "fold", "puff")
 # rad, near what is between feather and skin in the median of the pigeon's coat
 FLAT = np.radians(15.0)
+# rad, by which channels raise the leaves of a coat at most
+OPEN = np.radians(80.0)
 # of the way down to the skin, how far a coat goes at most: feathers lie on feathers
 DOWN = 0.5
 # of a feather's length, places that are not to be pressed into the skin
@@ -59,11 +62,12 @@ class _Pull:
 @dataclass(frozen=True)
 class Directed:
     """Roots of a motion as the channels of a shot turn and shift them. room: (F,) rad, how far each
-    feather is over a skin, inf where it is over none."""
+    feather is over a skin, inf where it is over none. on_leaf: (F,) feathers of a coat."""
 
     motion: Roots
     pulls: tuple[_Pull, ...]
     room: Array
+    on_leaf: Flags
 
     def frames(self, time: float) -> RootFrames:
         """Return where the roots are at a time, s since the first frame."""
@@ -72,6 +76,8 @@ class Directed:
         from scipy.spatial.transform import Rotation  # heavy, and only for this
 
         axes = self.turns(time)
+        up = (axes[:, 1] < 0.0) & self.on_leaf
+        axes[up, 1] /= (1.0 + (axes[up, 1] / OPEN) ** 8) ** 0.125
         down = (axes[:, 1] > 0.0) & np.isfinite(self.room)
         axes[down, 1] = -DOWN * self.room[down] * np.expm1(-axes[down, 1] / (DOWN * FLAT))
         own = Rotation.from_euler("ZYX", axes[:, ::-1]).as_matrix()
@@ -90,7 +96,8 @@ def direct_roots(shot: Shot, motion: Roots) -> Roots:
         return motion
     limbs = limbs_of(shot.groom)
     pulls = tuple(_pull(shot.groom.feathers, limbs, each) for each in found)
-    return Directed(motion, pulls, _room(shot, found))
+    on_leaf = np.array([each.leaf is not None for each in shot.groom.feathers])
+    return Directed(motion, pulls, _room(shot, found), on_leaf)
 
 
 def depend_on_channels(shot: Shot, motion: Roots) -> list[Any]:
