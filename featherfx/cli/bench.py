@@ -19,6 +19,7 @@ from featherfx.lab.bench.options import BenchOptions
     featherfx bench --quick
     featherfx bench -o measured
     featherfx bench --peers -o measured
+    featherfx bench --contact
     featherfx bench --skips samples/swan_wing/shot.toml
     featherfx bench --skips samples/pigeon/shot.toml --only "*guided" --frames 8
     featherfx bench --promise 40 --seed 7 --json
@@ -40,8 +41,9 @@ def bench(**values: Any) -> None:
     Tables are written as they come, so that a run that is broken off leaves those it had made.
     """
     options = BenchOptions(**values)
-    if sum(map(bool, (options.peers, options.skips, options.promise))) > 1:
-        raise click.UsageError("--peers, --skips and --promise exclude each other")
+    chosen = options.peers, options.contact, options.skips, options.promise
+    if sum(map(bool, chosen)) > 1:
+        raise click.UsageError("--peers, --contact, --skips and --promise exclude each other")
     if not options.skips and (options.frames, options.every) != (None, 1):
         raise click.UsageError("--frames and --every go with --skips")
     if options.only != "*" and not options.skips:

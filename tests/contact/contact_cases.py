@@ -12,10 +12,10 @@ from trial_batches import preset_batch
 from featherfx.algebra.types import Array
 from featherfx.mechanics.model import Model, no_loads
 from featherfx.mechanics.row_kernels import node_index
-from featherfx.solver.contact.interval import (
+from featherfx.solver.contact.interval import ContactSolver
+from featherfx.solver.contact.interval_options import (
     ContactReport,
     ContactSettings,
-    ContactSolver,
     IntervalOptions,
 )
 from featherfx.solver.contact.types import Candidates, Wall

@@ -18,7 +18,8 @@ from contact_cases import (
 from trial_batches import at_origin, preset_batch
 
 from featherfx.mechanics.model import no_loads
-from featherfx.solver.contact.interval import ContactSettings, ContactSolver, IntervalOptions
+from featherfx.solver.contact.interval import ContactSolver
+from featherfx.solver.contact.interval_options import ContactSettings, IntervalOptions
 from featherfx.solver.contact.types import Candidates
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.state import RootPath, hold_roots, rest_state

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.contact import run
-from featherfx.solver.contact.interval import ContactSettings, ContactSolver, IntervalOptions
+from featherfx.solver.contact.interval import ContactSolver
+from featherfx.solver.contact.interval_options import ContactSettings, IntervalOptions
 from featherfx.solver.contact.types import Candidates
 from featherfx.solver.solver import Settings, Solver, hold_roots
 

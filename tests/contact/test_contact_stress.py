@@ -28,7 +28,8 @@ from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.sources import TimedSurface
 from featherfx.shot.types import Detail, Force, Motion
-from featherfx.solver.contact.interval import PLAIN_INTERVAL, ContactReport, ContactSolver
+from featherfx.solver.contact.interval import ContactSolver
+from featherfx.solver.contact.interval_options import PLAIN_INTERVAL, ContactReport
 from featherfx.solver.state import make_report
 
 HELD = Motion("hold", {})

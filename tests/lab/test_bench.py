@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from featherfx.lab.bench import experiments, report, shake
+from featherfx.lab.bench import contact, experiments, report, shake
 from featherfx.lab.bench.experiments import factorisation_seconds
 
 COARSE = shake.Shake(rows=9, columns=3, coefficients=1, step=1.0 / 48.0, duration=0.25)
@@ -114,3 +114,20 @@ def test_tables_and_files(tmp_path, monkeypatch):
     text = (tmp_path / "measured" / "benchmark.md").read_text()
     assert all(table.title in text for table in made)
     assert report.machine("1.2.3")["date"] in text
+
+
+def test_ways_to_solve_contact_agree_and_shared_springs_need_few_rounds():
+    (table,) = contact.contact_tables(((2, 20), (3, 20)))
+    assert all(row["error"] < 0.01 for row in table.rows)
+    ways = len(table.rows) // 2
+    for rows in (table.rows[:ways], table.rows[ways:]):
+        single, shared, mixed, krylov, joint = (row["rounds"] for row in rows)
+        assert joint == 1 < max(mixed, krylov) <= shared < 0.2 * single
+        assert rows[-1]["error"] < 1e-9
+
+
+def test_a_stack_bends_as_one_cantilever():
+    """The tip of a cantilever of unit stiffness under unit load droops by an eighth."""
+    stack = contact.Stack(3, 200, True)
+    assert 3.0 * stack.exact == pytest.approx(0.125, rel=0.01)
+    np.testing.assert_allclose(stack.joint(), np.tile(stack.joint()[0], (3, 1)), rtol=1e-9)

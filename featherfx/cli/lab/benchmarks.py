@@ -10,7 +10,7 @@ import click
 from featherfx._version import __version__
 from featherfx.baking.pipeline import read_shot
 from featherfx.cli.progress import Progress
-from featherfx.lab.bench import experiments, peers
+from featherfx.lab.bench import contact, experiments, peers
 from featherfx.lab.bench.options import BenchOptions
 from featherfx.lab.bench.promise import measure_promises
 from featherfx.lab.bench.report import (
@@ -40,6 +40,9 @@ def run_benchmarks(options: BenchOptions) -> None:
         with Progress("skips") as progress:
             rest = (options.only, options.frames, options.every)
             tables.append(skips_table(shots, progress, *rest))
+    elif options.contact:
+        stacks = contact.QUICK_STACKS if options.quick else contact.FULL_STACKS
+        tables += contact.contact_tables(stacks)
     else:
         extent = experiments.QUICK_EXTENT if options.quick else experiments.FULL_EXTENT
         with Progress("tables") as progress:

@@ -14,6 +14,7 @@ class BenchOptions:
 
     quick: bool = option(False, "A smaller set of settings, in two minutes of one core.")
     peers: bool = option(False, 'Beside MuJoCo (extra "peers"): error against time of a strip.')
+    contact: bool = option(False, "Ways to solve the contact forces of a stack, side by side.")
     skips: tuple[Path, ...] = option(
         (),
         "What skipping work saves and costs on a shot; once for each shot.",

@@ -32,7 +32,8 @@ from featherfx.shot.frames import place
 from featherfx.shot.loop.sleep import skip_frame
 from featherfx.shot.options.options import ShotOptions
 from featherfx.shot.types import Shot
-from featherfx.solver.contact.interval import ContactReport, ContactSettings, ContactSolver
+from featherfx.solver.contact.interval import ContactSolver
+from featherfx.solver.contact.interval_options import ContactReport, ContactSettings
 from featherfx.solver.contact.surfaces import grids_of, surfaces_of
 from featherfx.solver.contact.types import GROWN_IN, Candidates, ContactMemory
 from featherfx.solver.solver import Solver, StepReport

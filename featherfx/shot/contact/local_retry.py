@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from featherfx.mechanics.model import Loads
 from featherfx.shot.contact.bodies import Bodies
 from featherfx.shot.contact.steps import StepRules, StepSpan
-from featherfx.solver.contact.interval import (
+from featherfx.solver.contact.interval import ContactSolver
+from featherfx.solver.contact.interval_options import (
     MAX_CONTACT_ITERATIONS,
     ContactReport,
-    ContactSolver,
     IntervalOptions,
     LedMotion,
 )

@@ -26,7 +26,7 @@ from featherfx.shot.loop.models import maps_between, model_of
 from featherfx.shot.options.options import FeatherOptions, ShotOptions
 from featherfx.shot.roots import RootFrames, Roots, arrived
 from featherfx.shot.types import Shot
-from featherfx.solver.contact.interval import LedMotion
+from featherfx.solver.contact.interval_options import LedMotion
 from featherfx.solver.contact.surfaces import Grids
 from featherfx.solver.solver import RootPath, Solver, hold_roots
 from featherfx.solver.state import State, rest_state

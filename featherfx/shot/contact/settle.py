@@ -25,12 +25,8 @@ from featherfx.shot.contact.bodies import Bodies
 from featherfx.shot.contact.lift_then_settle import Lowering, held_roots, turned_up
 from featherfx.shot.contact.local_retry import EASY
 from featherfx.shot.contact.obstacles import Obstacles
-from featherfx.solver.contact.interval import (
-    ContactReport,
-    ContactSolver,
-    IntervalOptions,
-    LedMotion,
-)
+from featherfx.solver.contact.interval import ContactSolver
+from featherfx.solver.contact.interval_options import ContactReport, IntervalOptions, LedMotion
 from featherfx.solver.solver import raise_if_failed
 from featherfx.solver.state import RootPath, State
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.solver.contact.interval import ContactReport
+from featherfx.solver.contact.interval_options import ContactReport
 from featherfx.solver.solver import StepReport, raise_if_failed
 from featherfx.solver.state import State
 from featherfx.solver.status import TOO_MUCH_WORK
