@@ -43,7 +43,9 @@ def steps_of(text: str) -> list[Step]:
         inside = line.startswith("<!-- drawn by") or (inside and line != "-->")
         comments += line.startswith("<!-- drawn by")
         if re.match(r"(featherfx|python) [\w/]", line):
-            words = tuple(shlex.split(re.split(r"\s{3,}", line)[0], posix=line.count("'") % 2 == 0))
+            words = tuple(
+                shlex.split(re.split(r"\s+# |\s{3,}", line)[0], posix=line.count("'") % 2 == 0)
+            )
             if "-o" in words[:-1]:
                 output = words[words.index("-o") + 1]
                 writes = (output, *([words[3]] if words[1] == "sample" else []))

@@ -4,6 +4,7 @@ import importlib.util
 import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -14,6 +15,8 @@ from pathlib import Path
 import numpy as np
 import pages as pages_of_docs
 import pytest
+from click import UsageError
+from page_runs import pages_with_commands
 from pages import (
     best_pages,
     describe_commands,
@@ -27,6 +30,7 @@ from redraw import missing_inputs, recipes
 
 import featherfx
 from featherfx.baking.install import copy_sample
+from featherfx.cli.main import main
 from featherfx.errors import InputError
 from featherfx.groom.keys.groom import GROOM_FILE
 from featherfx.groom.keys.preset import PRESET_FAMILIES
@@ -232,33 +236,22 @@ def test_keys_on_the_pages_exist_and_have_allowed_values(block):
     assert not min(map(wrong, tables), key=len)
 
 
-@pytest.mark.nightly
-@pytest.mark.parametrize("page", ["first_wing.md", "first_feather.md", "first_bird.md"])
-def test_a_start_page_runs_in_one_folder(page, tmp_path):
-    """Its commands in order, on the files that it shows; all but installing and serving."""
-    os.symlink(ROOT / "samples", tmp_path / "samples")
-    (tmp_path / "mine").mkdir()
-    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
-    file = None
-    for before, kind, block in re.findall(
-        r"([^`]*(?:`[^`\n]+`[^`]*)*)```(\w*)\n(.*?)^```", text, re.S | re.M
-    ):
-        if kind == "toml" and page != "first_bird.md":
-            named = re.findall(r"`(mine/\w+\.toml)`", before.rsplit("\n\n", 2)[-2] + before)
-            if named and "at the end" not in before[-200:]:
-                file = tmp_path / named[-1]
-                file.write_text(block)
-            else:
-                file.write_text(file.read_text() + "\n" + block)
-        for command in block.splitlines() if kind == "sh" else []:
-            if command.startswith("featherfx ") and not command.startswith("featherfx view"):
-                if page == "first_bird.md" and " sample " in command:
-                    (tmp_path / "mine").rmdir()
-                done = subprocess.run(
-                    [sys.executable, "-m", *command.split()],
-                    cwd=tmp_path,
-                    capture_output=True,
-                    text=True,
-                    env={**os.environ, "PYTHONPATH": str(ROOT)},
-                )
-                assert done.returncode == 0, f"{command}\n{done.stderr}"
+def test_commands_of_pages_have_arguments_and_options_that_exist(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    count = 0
+    for page, commands in pages_with_commands().items():
+        for command in commands:
+            words = shlex.split(command)
+            for word in words[2:] if words[0] == "featherfx" else ():
+                if re.fullmatch(r"[\w/.]+\.\w+", word):
+                    Path(tmp_path / word.lstrip("/")).parent.mkdir(parents=True, exist_ok=True)
+                    Path(tmp_path / word.lstrip("/")).touch()
+                elif word.endswith("presets"):
+                    Path(tmp_path / word).mkdir(exist_ok=True)
+            if words[0] == "featherfx":
+                try:
+                    main.commands[words[1]].make_context(words[1], words[2:])
+                except UsageError as error:
+                    pytest.fail(f"{page}: {command}: {error.message}")
+                count += 1
+    assert count > 100

@@ -43,6 +43,20 @@ IN_FILES = [
     ),
     ("shot", 'quality = "draft"', "row = 1", "row: is a key of grooms. Write it in the groom"),
     ("shot", 'name = "swan_wing"', "", "name: missing, expects a text"),
+    ("shot", "frames_per_second", "fps", "fps: unknown key, did you mean 'frames_per_second'?"),
+    ("shot", '"calm"', "“calm”", "line 6, column 8: Invalid value. Write straight quotes"),
+    ("shot", 'quality = "draft"', 'skin = "body.usdc"', "Give { } or a table [skin] of usd, prim"),
+    (
+        "shot",
+        'quality = "draft"',
+        "[contact]\nfriction = 5",
+        "friction: 5 is out of range. Give 0 to",
+    ),
+    ("groom", 'region = "primaries"', "length = 0.4", "did you mean overrides.length?"),
+    ("groom", "[variation]", "[[variation]]", "Write [variation] with one bracket"),
+    ("groom", "first = {", "first = [", "Write keys and their values in { }"),
+    ("groom", '[[row]]\nid = "right_p', '[row]\nid = "right_p', "Write [[row]] with two brackets"),
+    ("groom", "[-1.0, -0.02, 0.0], up", "'-x', up", "'-x' is not an array. Give 3 numbers"),
     ("shot", '"groom.toml"', '"g/groom.toml"', "groom.toml: there is no such file. Check the path"),
     ("groom", "camber = 1", "camber = 100", "variation.camber: 100 is out of range. Give 0 to 60"),
     ("groom", "roll = 6", "roll = 6000", "row[0].roll ('right_secondary'): 6000 is out of range"),
@@ -110,6 +124,7 @@ ON_BIRDS = [
     ("beak = [0.166,", "beek = [0.166,", "landmarks.beek: unknown key, did you mean 'beak'?"),
     ("beak = [0.166, 0, 0.272]", "beak = [166, 0, 272]", "Give all in one unit"),
     ('"pigeon"', '"pidgeon"', "no bird preset 'pidgeon', did you mean 'pigeon'?"),
+    ('{ primvar = "beak" }', '"beak"', "Give { } of keys such as angle, box, facing"),
     ('"pigeon"', '"eagle"', "known: gull, ostrich, owl, parrot, peacock, pigeon, sparrow, swan"),
 ]
 PULL = "feather_pull/shot.toml"
@@ -130,6 +145,10 @@ TYPED = [
     ("sample feather_pull", "feather_pull: is not empty. Name a new folder with -o"),
     ("presets show swan_prmary", "there is no such preset, did you mean 'swan_primary'?"),
     ("join o.usdc --shares 2", "o.1of2.usdc: is missing. Bake this share first"),
+    ("tune swan_primary --wind breze", "wind/breze: there is no such preset, did you mean 'breeze"),
+    ("view first_bird/body.usdc --html a.txt", "a.txt: suffix '.txt' is not .html"),
+    ("retime first_bird/body.usdc -o r.usdc --speed half", "'half' is not a number. Give x>0"),
+    ("preview first_bird/body.usdc -o no/a.png", "no: folder does not exist. Make it first"),
     ("plugins install nuke", "'nuke' is not one of 'houdini', 'maya', 'usdvalidation', 'usdview'"),
 ]
 

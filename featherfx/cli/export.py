@@ -140,7 +140,9 @@ def export(
 @click.argument("cache", type=readable_path())
 @output_option("One plain USD file (.usd, .usdc, .usda).")
 @click.option(
-    "--speed", type=float, help="Speed factor: 0.25 is four times slower, 2 twice as fast."
+    "--speed",
+    type=RealNumber(min=0.0, min_open=True),
+    help="Speed factor: 0.25 is four times slower, 2 twice as fast.",
 )
 @click.option(
     "--keys",

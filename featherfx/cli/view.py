@@ -122,12 +122,11 @@ def view(
 
 def serve(server: Server, no_browser: bool) -> None:
     """Show a page until Ctrl-C."""
-    with server:
+    with server, contextlib.suppress(KeyboardInterrupt):
         click.echo(server.address)
         if not no_browser and not webbrowser.open(server.address):
             tell("no browser was found; open the address above in one of this machine")
-        with contextlib.suppress(KeyboardInterrupt):
-            server.serve_forever()
+        server.serve_forever()
 
 
 @contextlib.contextmanager
@@ -240,6 +239,8 @@ def _stage(
     from featherfx.groom.presets.presets import load_preset
     from featherfx.groom.read.toml_text import toml_of
 
+    for each in (f"wind/{wind}", f"motion/{motion}"):
+        load_preset(each, folders)
     family, _ = load_preset(preset, folders)
     name = preset.rpartition("/")[2]
     if family not in _FAMILIES:

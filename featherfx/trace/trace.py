@@ -411,6 +411,11 @@ def write_traced(
         problems.append(Problem(str(output), "", f"suffix '{output.suffix}' is not .toml"))
     if overlay is not None and overlay.suffix.lower() not in (".png", ".jpg"):
         problems.append(Problem(str(overlay), "", f"suffix '{overlay.suffix}' is not .png or .jpg"))
+    problems += [
+        Problem(str(each.parent), "", "folder does not exist. Make it first")
+        for each in files
+        if not each.parent.is_dir()
+    ]
     require(*problems)
     writers = [(output, into_text(traced.text))]
     if overlay is not None:

@@ -87,6 +87,8 @@ def write_page(
     """
     output = Path(output)
     problems = find_file_problems([output], overwrite)
+    if output.suffix != ".html":
+        problems.append(Problem(str(output), "", f"suffix '{output.suffix}' is not .html"))
     if problems:
         raise OutputError(*problems)
     before = {output: standing(output)}

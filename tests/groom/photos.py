@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 from PIL import Image, ImageDraw, ImageOps
 
@@ -69,3 +71,9 @@ def vignetted(image, share, margin=100):
     rows, columns = (np.linspace(-0.5, 0.5, size) for size in pixels.shape[:2])
     way = 2.0 * (rows[:, None] ** 2 + columns**2)
     return Image.fromarray((pixels * (1.0 - share * way**2)[..., None]).astype(np.uint8))
+
+
+if __name__ == "__main__":
+    from featherfx.trace.trace import flattened, kind_of_text
+
+    picture(flattened(kind_of_text('base = "swan_primary"\n')), 0.6, noise=3.0)[0].save(sys.argv[1])

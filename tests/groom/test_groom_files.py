@@ -244,7 +244,7 @@ def test_all_problems_at_once(tmp_path: Path) -> None:
         "groom.toml: feather[1].scal: unknown key, did you mean 'scale'?",
         "groom.toml: feather[5].scale: nan is not a finite number",
         "groom.toml: row[0].count: 0 is out of range. Give 1 to 100000",
-        "groom.toml: row[0].first.direction: has 2 items. Give 3",
+        "groom.toml: row[0].first.direction: has 2 items. Give 3 numbers",
         'groom.toml: overrides."x*".length: 99 is out of range. Give 0.001 to 5 m',
         "groom.toml: feather[0].up: is parallel to direction. Give another vector",
         'groom.toml: overrides."zz": matches no feather id, ids are like b, b, c',

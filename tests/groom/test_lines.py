@@ -88,7 +88,7 @@ def test_a_line_stands_for_camber_and_sweep_and_leaves_twist_and_length(tmp_path
     ("line", "message"),
     [
         ("[[0, 0]]", "line: has 1 point. Give 2 to 200 (or none)"),
-        ("[[0, 0], [1]]", "line[1]: has 1 items. Give 2 to 3"),
+        ("[[0, 0], [1]]", "line[1]: has 1 item. Give 2 to 3"),
         ("[[0, 0], [nan, 1]]", "line[1][0]: nan is not a finite number"),
         ("[[0, 0], [1, 0, 0], [1, 0]]", "line[2]: is the point before it once more"),
         ("[[0, 0], [2, 0], [1, 1], [1, -1]]", "line[2]: the line crosses itself: segments 0 and 2"),

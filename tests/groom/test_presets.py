@@ -248,7 +248,7 @@ VANE_FAULTS = [
         "rachis_material.modulus_profile = [[0, 1], [1, 0]]",
         "rachis_material.modulus_profile[1][1]: 0 is out of range. Give 0.001 to 1000",
     ),
-    ("vane_material.thickness_profile.rachis = [[0]]", "rachis[0]: has 1 items. Give 2"),
+    ("vane_material.thickness_profile.rachis = [[0]]", "rachis[0]: has 1 item. Give 2"),
     ("leading.hooked.barb = [[0.5, 1.2]]", "1.2 is out of range. Give 0 to 1"),
     ("rachis.diameter_tip = 0.02", "Give up to diameter_base = 0.007 m"),
 ]

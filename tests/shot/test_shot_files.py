@@ -114,7 +114,7 @@ stiffness = 100
     )
     problems = found(write(tmp_path, shot, GROOM.replace("tail_feather", "tail_fether")))
     assert problems == [
-        "shot.toml: gravity: has 2 items. Give 3",
+        "shot.toml: gravity: has 2 items. Give 3 numbers",
         "shot.toml: wind.sped: unknown key, did you mean 'speed'?",
         "groom.toml: feather[0].kind: no feather preset 'tail_fether', did you mean "
         "'tail_feather'?",

@@ -18,6 +18,7 @@ INVALID = object()
 MAX_REPORTED = 20
 # known names that are all listed, and those that are where there are more
 _MAX_KNOWN, _FEW = 24, 5
+_SHORT = 5  # characters; others must be nearly as long
 _LONGEST_COMPARED = 200  # characters; comparing takes their square
 
 
@@ -134,7 +135,10 @@ def closest(name: str, names: Sequence[str], most: int) -> list[str]:
     if len(name) > _LONGEST_COMPARED:
         return []
     compared = [each for each in names[:MAX_COMPARED] if len(each) <= _LONGEST_COMPARED]
-    return difflib.get_close_matches(name, compared, n=most, cutoff=0.6)
+    short = [each for each in compared if "".join(part[:1] for part in each.split("_")) == name]
+    if len(name) <= _SHORT:
+        compared = [each for each in compared if abs(len(each) - len(name)) <= 1]
+    return short[:most] or difflib.get_close_matches(name, compared, n=most, cutoff=0.6)
 
 
 def nearest(name: str, names: Iterable[str]) -> str:

@@ -26,6 +26,7 @@ from featherfx.limits import (
 )
 
 REQUIRED = object()
+_FEW_KEYS = 5  # of a table, as an example
 
 
 JsonSchema = dict[str, Any]
@@ -164,7 +165,9 @@ class ArrayOf:
         if not isinstance(value, list):
             return place.fail(f"{shown(value)} is not an array. Give {self._items()} in [ ]")
         if not self.least <= len(value) <= self.most:
-            return place.fail(f"has {len(value)} items. Give {self._count()}")
+            return place.fail(
+                f"has {len(value)} item{'s' * (len(value) != 1)}. Give {self._items()}"
+            )
         items = tuple(self.item.check(each, place.item(i), False) for i, each in enumerate(value))
         return INVALID if any(each is INVALID for each in items) else items
 
@@ -330,9 +333,12 @@ class Table:
     title: str = "table"
 
     def check(self, value: Any, place: Place, partial: bool) -> Any:
+        if isinstance(value, list) and value and all(isinstance(each, dict) for each in value):
+            return place.fail(f"is an array of tables. Write [{place.key}] with one bracket")
         if not isinstance(value, dict):
             needed = [name for name, key in self.keys.items() if key.default is REQUIRED]
-            holds = f" of {', '.join(needed)}" if needed else ""
+            some = sorted(self.keys)[:_FEW_KEYS]
+            holds = f" of {', '.join(needed)}" if needed else f" of keys such as {', '.join(some)}"
             given = "{ }" if "[" in place.key else f"{{ }} or a table [{place.key}]"
             return place.fail(f"{shown(value)} is not a table. Give {given}{holds}")
         parts = self.parts(value, place, partial)
@@ -422,8 +428,13 @@ class Tables:
 
 def _keys_below(keys: Mapping[str, Key], name: str) -> list[str]:
     """Return the dotted keys of tables among some keys that end with a name."""
-    inner = {key: getattr(each.type, "keys", {}) for key, each in keys.items()}
+    inner = {key: getattr(_whole(each.type), "keys", {}) for key, each in keys.items()}
     return [f"{key}.{name}" for key, own in inner.items() if name in own]
+
+
+def _whole(kind: ValueType) -> ValueType:
+    """Return the type of which a value may be a part."""
+    return kind.table if isinstance(kind, Partial) else kind
 
 
 def tables(keys: Mapping[str, Key], meaning: str, **limits: Any) -> Key:

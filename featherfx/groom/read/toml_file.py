@@ -47,8 +47,7 @@ def load_toml(path: Path, label: str = "") -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         match = _POSITION.match(str(error))
         what, where = (match["what"], f"{match['where']}: ") if match else (str(error), "")
-        advice = next((f". {each}" for part, each in _ADVICE.items() if part in what), "")
-        fault = f"not valid TOML, {where}{what}{advice}"
+        fault = f"not valid TOML, {where}{what}{_advise(what, where, path)}"
     except _Unfit as error:
         fault = str(error)
     except ValueError as error:  # integers beyond Python's limits
@@ -56,6 +55,21 @@ def load_toml(path: Path, label: str = "") -> dict[str, Any]:
     except OSError as error:
         fault = f"cannot be read: {error.strerror or error}"
     raise InputError(Problem(label or str(path), "", fault))
+
+
+def _advise(what: str, where: str, path: Path) -> str:
+    """Return what to do about an error of syntax, by its line; empty where that is unknown."""
+    text = path.read_text(encoding="utf-8-sig")
+    number = re.search(r"line (\d+)", where)
+    line = text.splitlines()[int(number[1]) - 1] if number else ""
+    table = re.match(r"\s*\[(\w+)\]", line)
+    if re.search("[\u2018-\u201f]", line):
+        return ". Write straight quotes, \" or '"
+    if table and f"[[{table[1]}]]" in text:
+        return f". Write [[{table[1]}]] with two brackets, as above"
+    if re.search(r"=\s*\[\s*\w+\s*=", line):
+        return ". Write keys and their values in { }"
+    return next((f". {each}" for part, each in _ADVICE.items() if part in what), "")
 
 
 class _Unfit(ValueError):
