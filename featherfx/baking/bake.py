@@ -15,10 +15,10 @@ from featherfx.baking.options import BakeOptions, make_options, takes
 from featherfx.baking.task import BakeTask, prepare
 from featherfx.files.atomic_write import Standing, into, remove_leftovers, standing, write_all
 from featherfx.files.gc_pause import seldom_collected
+from featherfx.jit.compiled import request_expected
 from featherfx.phases import Account, account, phase
 from featherfx.provenance import StageRead, list_entries, listen_to_reads
 from featherfx.shot.clock import StageClock
-from featherfx.shot.loop.models import compile_ahead
 from featherfx.shot.types import Shot
 
 # frames that depths in the skin are measured in, of the hundredths of a bake that judging may take
@@ -82,7 +82,7 @@ def _bake(
     reads: list[StageRead] = [] if document is None else [*document.reads]
     try:
         with seldom_collected(), listen_to_reads(reads.append):
-            compile_ahead()
+            request_expected("bake", package="featherfx.solver")  # it is read meanwhile
             task = open_task(shot, output, options)
     except KeyboardInterrupt as error:
         during = timed.failed or "checking what is to be done"

@@ -16,6 +16,7 @@ from featherfx.files.background import Background
 from featherfx.files.gc_pause import seldom_collected, set_aside
 from featherfx.files.memory import give_back_memory, keep_arrays_apart
 from featherfx.jit.compile_progress import PROGRESS
+from featherfx.jit.compiled import request_expected
 from featherfx.phases import phase
 from featherfx.shot.frames import Frame
 from featherfx.shot.loop.checkpoint import Checkpoint
@@ -38,7 +39,9 @@ def simulate_and_write(
     notify: called with the samples done and their number.
     """
     sink = CacheSink(task)
-    PROGRESS.works = ("bake",) if task.shot.contact is None else ("bake", "contact")
+    works = ["bake"] + ["contact"] * (task.shot.contact is not None)
+    PROGRESS.works = *works, *["bird"] * (task.shot.has_coat_on_skin)
+    request_expected(*PROGRESS.works, later=True)
     try:
         with sink:
             figures = _run_loop(sink, task, notify)

@@ -1,6 +1,6 @@
 """Compiling as a phase of the work that needs the code, with kernels and seconds to come.
 
-seconds.json holds the seconds of the kernels of a layout, a bake and a bake with contact, as
+seconds.json holds the seconds of the kernels of a layout, a bake, one with contact and a bird, as
 `featherfx lab measure compiling --write` measures them.
 Seconds of another machine become those of this one by what was compiled so far.
 """

@@ -18,7 +18,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, wait
 from functools import cache
 from pathlib import Path
-from queue import Empty, SimpleQueue
+from queue import Empty, PriorityQueue
 from typing import Any, BinaryIO, NamedTuple
 
 from featherfx.errors import InputError, Problem
@@ -70,10 +70,10 @@ class CompilePool:
         self._max_workers, self._workers = workers, 0
         self._lock = threading.Lock()
         self._futures: dict[KernelRequest, Future[None]] = {}
-        self._queue: SimpleQueue[KernelRequest] = SimpleQueue()
+        self._queue: PriorityQueue[tuple[bool, int, KernelRequest]] = PriorityQueue()
 
-    def submit(self, request: KernelRequest) -> None:
-        """Ask for a kernel; each once."""
+    def submit(self, request: KernelRequest, later: bool = False) -> None:
+        """Ask for a kernel; each once. later: after those that are not."""
         if _upstream:
             _send(_upstream[0], request)
             return
@@ -82,7 +82,7 @@ class CompilePool:
                 return
             PROGRESS.request(request.name)
             self._futures[request] = Future()
-            self._queue.put(request)
+            self._queue.put((later, len(self._futures), request))
             if self._workers < self._max_workers:
                 self._workers += 1
                 threading.Thread(target=self._run_worker, daemon=True).start()
@@ -115,7 +115,7 @@ class CompilePool:
         process: Any = None
         try:
             while True:
-                request = self._queue.get(timeout=_IDLE_SECONDS)
+                _, _, request = self._queue.get(timeout=_IDLE_SECONDS)
                 future = self._futures[request]
                 if not future.set_running_or_notify_cancel():
                     continue

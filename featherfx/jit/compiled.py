@@ -7,7 +7,9 @@ of a process. `compiler` compiles what is not stored. Python names kernels by th
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import json
 import os
 import sys
 import threading
@@ -18,6 +20,7 @@ from typing import Any
 
 from featherfx.errors import InputError, Problem
 from featherfx.jit.code_cache import ROOT, CannotBeLoadedError, KernelStore, load_object
+from featherfx.jit.compile_workers import KernelRequest, compile_pool
 from featherfx.jit.kernel_calls import (
     INLINED,
     LoadedKernel,
@@ -25,12 +28,15 @@ from featherfx.jit.kernel_calls import (
     describe_arguments,
     encode_arguments,
     find_kernel,
+    make_arguments,
 )
 
 if os.environ.get("NUMBA_DISABLE_JIT", "").strip() not in ("", "0"):
     _DISABLED = "is set, but the solver works only as machine code; unset it"
     raise InputError(Problem("NUMBA_DISABLE_JIT", "", _DISABLED))
 
+# by work: kernels that Python calls in it, and the text of types of arguments of each
+ARGUMENTS = Path(__file__).with_name("arguments.json")
 # threads load one kernel after another, each with all that it calls
 _LOADING = threading.RLock()
 
@@ -72,17 +78,17 @@ class KernelEntry:
             source = Path(import_module(module).__file__ or "")
         return KernelStore(source, own)
 
-    @property
-    def is_loaded(self) -> bool:
-        """Return whether there is machine code in memory, for whatever types."""
-        return bool(self._by_text)
+    def request(self, text: str, later: bool = False) -> None:
+        """Let a worker compile it for types of arguments, told by a text, unless that is stored.
 
-    def compile_ahead(self, *arguments: Any) -> None:
-        """Let a worker compile it for such arguments, unless that is stored."""
-        if not self.is_there(describe_arguments(arguments)):
-            from featherfx.jit.compiler import request_kernel
+        later: after what is waited for. Of a text with tuples that are no more, nothing is asked.
+        """
+        if not self.is_there(text):
+            from featherfx.jit.compiler import find_types
 
-            request_kernel(self.name, arguments)
+            with contextlib.suppress(ImportError, AttributeError, TypeError):
+                types = find_types(make_arguments(text))
+                compile_pool().submit(KernelRequest(self.name, types), later)
 
     def is_there(self, text: str) -> bool:
         """Return whether there is machine code for types of arguments, loaded or stored."""
@@ -157,6 +163,20 @@ class KernelModule:
 def kernel_entry(name: str) -> KernelEntry:
     """The kernel of a module and name, as "featherfx.algebra.sparse_kernels.multiply_rows"."""
     return KernelEntry(name)
+
+
+@functools.cache
+def request_expected(*works: str, package: str = "", later: bool = False) -> None:
+    """Let workers compile the kernels of a package that some works will call, unless stored.
+
+    works: names in arguments.json, which `featherfx lab measure compiling --write` writes. later:
+    after what is waited for.
+    """
+    table = json.loads(ARGUMENTS.read_text(encoding="utf-8"))
+    for work in works:
+        for name, text in table.get(work, {}).items():
+            if name.startswith(package):
+                kernel_entry(name).request(text, later)
 
 
 def _load(name: str, code: StoredKernel) -> LoadedKernel | None:

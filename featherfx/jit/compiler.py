@@ -350,11 +350,6 @@ def compile_entry(kernel: Any, types: tuple[Any, ...]) -> tuple[StoredKernel, Lo
     return stored, LoadedKernel(entry_at, own_at, returns)
 
 
-def request_kernel(name: str, arguments: tuple[Any, ...]) -> None:
-    """Ask a worker for a kernel that will be called with such arguments."""
-    compile_pool().submit(KernelRequest(name, find_types(arguments)))
-
-
 def wait_for_worker(kernel: Any, types: tuple[Any, ...]) -> None:
     """Wait for a worker that compiles a kernel, which may be stored then."""
     compile_pool().wait_for(KernelRequest(kernel.name, types), compile_request)

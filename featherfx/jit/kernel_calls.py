@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import importlib
+import re
 import struct
 from array import array
 from collections.abc import Iterable, Iterator
@@ -21,6 +22,9 @@ _LAYOUT_FLAGS = 0x1 | 0x2 | 0x100 | 0x400
 _FLOAT = struct.Struct("=d")
 _WORD = struct.Struct("=q")
 _ENTRY = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p)
+_NUMBERS = {"none": None, "bool": False, "int64": 0, "float64": 0.0, "float32": np.float32(0.0)}
+# parts of a text of types: where a tuple begins, with its class or none; an array or number; an end
+_PART = re.compile(r"(kind )?\((?:([^:()]+:[^ :()]+)[^:()]*)?: |([^(), ]+)|(\))")
 # `returns` of kernels that are linked into their callers
 INLINED: Any = object()
 # modules of intrinsics
@@ -136,8 +140,41 @@ def describe_array(dtype: Any, axes: int, layout: str, writable: bool, aligned: 
 def describe_tuple(kind: Any, parts: Iterable[str]) -> str:
     """Text of the type of a tuple, named or not."""
     fields = getattr(kind, "_fields", None)
-    name = "" if fields is None else f"{kind.__name__} {' '.join(fields)}"
+    name = f"{kind.__module__}:{kind.__qualname__} {' '.join(fields)}" if fields else ""
     return f"({name}: {', '.join(parts)})"
+
+
+def make_arguments(text: str) -> tuple[Any, ...]:
+    """Arguments of the types that a text of `describe_arguments` tells, with empty arrays.
+
+    Raises ImportError or AttributeError for a tuple that there is no more, TypeError for another
+    number of fields. It must have no arrays of records.
+    """
+    outer: list[tuple[str, str, list[Any]]] = []
+    parts: list[Any] = []
+    for kind, name, leaf, end in _PART.findall(text):
+        if leaf:
+            parts.append(_make_argument(leaf))
+        elif not end:
+            outer.append((kind, name, parts))
+            parts = []
+        else:
+            kind, name, before = outer.pop()
+            made = _find_tuple_class(name)._make(parts) if name else tuple(parts)
+            parts = [*before, TupleKind(made) if kind else made]
+    return tuple(parts)
+
+
+def _make_argument(text: str) -> Any:
+    """An array or a number of a type."""
+    if ":" not in text:
+        return _NUMBERS[text]
+    dtype, _, form = text.partition(":")
+    axes, layout = int(form[0]), form[1]
+    whole = np.empty((4,) * axes, np.dtype(dtype), "F" if layout == "F" else "C")
+    made = whole[..., ::2] if layout == "A" else whole
+    made.flags.writeable = "r" not in form
+    return made
 
 
 class ReturnType(NamedTuple):

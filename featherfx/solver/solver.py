@@ -13,14 +13,14 @@ import numpy as np
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import SimulationError, as_figure
 from featherfx.files.background import limit_threads
-from featherfx.jit.compiled import KernelModule
+from featherfx.jit.compiled import KernelModule, request_expected
 from featherfx.limits import MAX_JOBS
-from featherfx.mechanics.model import Loads, Model, expand_wind, no_loads
+from featherfx.mechanics.model import Loads, Model, expand_wind
 from featherfx.solver.scratch import SolverScratch, make_scratch
 from featherfx.solver.state import RootPath as RootPath
 from featherfx.solver.state import State as State
 from featherfx.solver.state import StepReport as StepReport
-from featherfx.solver.state import carry_to, make_report, rest_state
+from featherfx.solver.state import carry_to, make_report
 from featherfx.solver.state import hold_roots as hold_roots
 from featherfx.solver.status import CONVERGED, reason_of
 from featherfx.solver.types import StepSettings
@@ -105,29 +105,6 @@ def step_settings(settings: Settings, duration: float, length: float = 1.0) -> S
     )
 
 
-def compile_steps(model: Model) -> None:
-    """Have others compile what settles and steps feathers of such a model, unless it is loaded."""
-    if frame_kernels.advance_feather.is_loaded:
-        return
-    from featherfx.solver.types import SettleResult, make_mixing
-
-    model = model.only(0)
-    state, work = rest_state(model, np.zeros((1, 3)), np.eye(3)[None]), make_scratch(model)
-    loads, path, report = expand_wind(no_loads(1), 1), hold_roots(state), make_report(1)
-    settings, feathers = step_settings(Settings(), 1.0), np.arange(1)
-    found, mixing = SettleResult(np.zeros(1), np.zeros(1)), make_mixing(state.points.nodes[0].size)
-    settle_kernels.settle_feathers.compile_ahead(
-        model, loads, feathers, (0.0, 0.0), state, found, mixing, work
-    )
-    frame_kernels.advance_feathers.compile_ahead(
-        model, loads, feathers, path, state, settings, work, report
-    )
-    frame_kernels.advance_feather.compile_ahead(
-        model, loads, 0, path, state, settings, work, report
-    )
-    start_kernels.start_acceleration.compile_ahead(model, loads, 0, path, settings, state, work)
-
-
 class Solver:
     """Steps a batch; holds what does not change between steps, and the threads.
 
@@ -141,6 +118,7 @@ class Solver:
         self._local = local()
         self.jobs = min(jobs, model.feathers, MAX_JOBS)
         self._pool = ThreadPoolExecutor(self.jobs - 1) if self.jobs > 1 else None
+        request_expected("bake", package="featherfx.solver")
 
     def __enter__(self) -> Solver:
         return self
@@ -217,7 +195,6 @@ class Solver:
 
         near = min(self.settings.newton, _REST_TOLERANCE_RATIO * self.settings.tolerance)
         new, loads = state.copy(), expand_wind(loads, self.model.feathers)
-        compile_steps(self.model)
         found = SettleResult(np.zeros(self.model.feathers), np.zeros(self.model.feathers))
         goal = float(fraction), float(near)
         some = range(self.model.feathers) if feathers is None else feathers

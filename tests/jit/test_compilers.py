@@ -17,7 +17,7 @@ import time
 from featherfx.jit import compile_workers
 BREAK
 import trial_kernels
-trial_kernels.total.compile_ahead(__import__("numpy").ones(3), 0.0)
+trial_kernels.total.request("<f8:1C, float64")
 time.sleep(0.5)
 """
 
@@ -40,7 +40,7 @@ import numpy as np
 import trial_kernels
 from featherfx.phases import Account
 
-trial_kernels.total.compile_ahead(np.ones(3), 0.0)
+trial_kernels.total.request("<f8:1C, float64")
 time.sleep(0.3)  # a helper has taken it up
 told = []
 with Account(told.append) as own:

@@ -20,7 +20,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from time import thread_time
-from typing import Any
+from typing import Any, NamedTuple
 from unittest.mock import patch
 
 import numpy as np
@@ -29,12 +29,13 @@ from featherfx.algebra.vector_kernels import copy_values
 from featherfx.api import read_shot
 from featherfx.feather.build import build_feather
 from featherfx.jit.compile_progress import SECONDS
-from featherfx.jit.compiled import kernel
+from featherfx.jit.compiled import ARGUMENTS, kernel
 from featherfx.lab.bench.shake import root_paths, swan_primary
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import expand_wind, no_loads
 from featherfx.shot.loop.simulate import simulate
-from featherfx.solver.solver import Settings, Solver, rest_state
+from featherfx.solver.solver import Settings, Solver
+from featherfx.solver.state import rest_state
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
 from featherfx.solver.step.integrator_kernels import integrator_of
@@ -72,16 +73,23 @@ def package_table(folder: Path) -> Iterator[str]:
         yield f"| {name} | {numbers} | {holds} | {change} |"
 
 
-Entry = tuple[str, float, float]
+class CompiledEntry(NamedTuple):
+    """A compiled entry: its seconds of lowering and of LLVM, and where Python calls it, the text
+    of types of its arguments."""
+
+    name: str
+    lowering: float
+    llvm: float
+    arguments: str
 
 
-def measure_entries(work: Callable[[], None]) -> list[Entry]:
-    """Do a work, and return of each entry compiled its name, seconds of lowering and of LLVM."""
+def measure_entries(work: Callable[[], None]) -> list[CompiledEntry]:
+    """Do a work, and return the entries that it compiled."""
     from numba.core.codegen import JITCodeLibrary
 
     from featherfx.jit import compiler
 
-    entries: list[Entry] = []
+    entries: list[CompiledEntry] = []
     own = threading.local()  # threads of a bake wait for each other's compiling
     compile_entry, finalize = compiler.compile_entry, JITCodeLibrary.finalize
 
@@ -93,7 +101,8 @@ def measure_entries(work: Callable[[], None]) -> list[Entry]:
         passed, (llvm, nested) = time.thread_time() - begin, stack.pop()
         if stack:
             stack[-1][1] += passed
-        entries.append((kernel.name, passed - llvm - nested, llvm))
+        text = "" if stack else compiler.describe_types(types)
+        entries.append(CompiledEntry(kernel.name, passed - llvm - nested, llvm, text))
         return code
 
     def finalize_timed(self: Any) -> None:
@@ -112,7 +121,7 @@ def measure_entries(work: Callable[[], None]) -> list[Entry]:
     return entries
 
 
-def shot_entries(shot: Path) -> list[Entry]:
+def shot_entries(shot: Path) -> list[CompiledEntry]:
     """Return what simulating a shot compiles, largest first, with an empty cache."""
 
     def work() -> None:
@@ -121,12 +130,13 @@ def shot_entries(shot: Path) -> list[Entry]:
 
     with tempfile.TemporaryDirectory() as folder:
         os.environ |= {"FEATHERFX_CACHE": folder, "FEATHERFX_COMPILERS": "1"}
-        return sorted(measure_entries(work), key=lambda each: -each[1] - each[2])
+        return sorted(measure_entries(work), key=lambda each: -each.lowering - each.llvm)
 
 
 def write_seconds(works: Iterable[str]) -> Path:
-    """Write the file that the progress of compiling goes by; each work in its own process."""
-    found = {}
+    """Write the files of seconds of compiling, and of what Python calls; each work in its own
+    process."""
+    found, called = {}, {}
     for name in works:
         with tempfile.TemporaryDirectory() as folder:
             command = [sys.executable, "-m", "featherfx", "lab", "measure", "compiling"]
@@ -135,10 +145,16 @@ def write_seconds(works: Iterable[str]) -> Path:
                 [*command, "--work", name], env=environment, stdout=subprocess.PIPE, check=True
             )
         seconds: dict[str, float] = {}
-        for entry, front, llvm in json.loads(done.stdout):
+        entries = [CompiledEntry(*each) for each in json.loads(done.stdout)]
+        for entry, front, llvm, _ in entries:
             count = sum(each.partition("#")[0] == entry for each in seconds)
             seconds[f"{entry}#{count + 1}" if count else entry] = round(front + llvm, 2)
         found[name] = seconds
+        # those with arrays of records ("[") are compiled when they are called
+        called[name] = {
+            e.name: e.arguments for e in entries if e.arguments and "[" not in e.arguments
+        }
+    ARGUMENTS.write_text(json.dumps(called, indent=1) + "\n", encoding="utf-8")
     SECONDS.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     return SECONDS
 

@@ -14,33 +14,15 @@ from featherfx.feather.density import scaled_map, with_detail
 from featherfx.feather.shapes import build_unit_maps
 from featherfx.feather.types import Feather, RowMap
 from featherfx.files.disk_cache import kept
-from featherfx.groom.keys.problems import Place, Problems
-from featherfx.groom.presets.kinds import Change, adjusted, kind_of
-from featherfx.groom.presets.presets import load_preset
+from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import FeatherKind, Placement, Splits
-from featherfx.jit.code_cache import is_stored
 from featherfx.mechanics.batch import make_model, may_slip, resized
 from featherfx.mechanics.model import Model
 from featherfx.shot.options.options import FeatherOptions
-from featherfx.solver.solver import compile_steps
 from featherfx.solver.step.modes import with_damping
 
 # places of a groom whose maps are kept together
 _PART = 128
-# what is compiled ahead: all models have arrays of the same types
-_STEPS, _ANY_FEATHER = "featherfx.solver.step.frame_kernels.advance_feathers", "contour"
-
-
-def compile_ahead() -> None:
-    """Have a worker compile what steps feathers, unless it is stored, while this process reads."""
-    if is_stored(_STEPS):
-        return
-    kind = kind_of(
-        _ANY_FEATHER,
-        load_preset(f"feather/{_ANY_FEATHER}", ())[1],
-        Place("presets", _ANY_FEATHER, Problems()),
-    )
-    compile_steps(make_model([build_feather(kind, 3, 1)], [kind], 1, False))
 
 
 def model_of(
@@ -78,7 +60,6 @@ def model_of(
         model = make_model(some, kinds, options.coefficients, touching)
         if not options.is_simulated:
             return model.arrays()
-        compile_steps(model)  # while this process finds frequencies
         return with_damping(model, kinds).arrays()
 
     inputs = [_constant(placement, unit) for placement, unit, _ in own]
