@@ -39,8 +39,7 @@ Folders = Iterable[str | Path]
 def read_groom(
     path: str | Path, preset_folders: Folders = (), *, progress: Progress = False
 ) -> Groom:
-    """The groom of a TOML or USD file: which feathers, where, metres and z up; laid over each other
-    where it asks for that.
+    """Read the groom of a TOML or USD file, and layer its feathers where it has a layout.
 
     preset_folders: searched before the user's and the shipped presets. progress: as of
     featherfx.phases.tells_progress. Raises InputError with all
@@ -54,8 +53,7 @@ def read_groom(
 def read_shot(
     path: str | Path, preset_folders: Folders = (), *, progress: Progress = False
 ) -> Shot:
-    """The shot of a TOML file with its groom, its feathers laid over each other where the groom
-    asks for it, and its roots bound to the skin where it has one.
+    """Read the shot of a TOML file with its groom, and bind its roots to the skin where it has one.
 
     preset_folders, progress: as in read_groom. Raises InputError with all problems of shot, groom,
     scenes and presets; InputWarning for roots that are far from the skin, and for feathers that the
@@ -66,14 +64,14 @@ def read_shot(
 
 
 def open_document(kind: str, path: str | Path, preset_folders: Folders = ()) -> Document:
-    """The tables of a groom or shot file, not yet checked. Raises InputError."""
+    """Load the tables of a groom or shot file, not yet checked. Raises InputError."""
     require_type(kind, path, str | Path, f"the path of a {kind} file")
     source = Path(path)
     return Document(kind, load_tables(source), source, tuple(preset_folders))
 
 
 def read_document(document: Document) -> Groom | Shot:
-    """The groom or shot of a document, which it has with what was read. Raises InputError."""
+    """Read the groom or shot of a document, which it has with what was read. Raises InputError."""
     files: list[Path] = []
     reads: list[StageRead] = []
     with listen_to_reads(reads.append):
@@ -88,7 +86,7 @@ def read_document(document: Document) -> Groom | Shot:
 def groom_as_written(
     document: Document, note: Callable[[Path], object] = lambda path: None
 ) -> Groom:
-    """The groom before its feathers are laid over each other, which costs most.
+    """Read the groom before its feathers are laid over each other, which costs most.
 
     note: is told every USD file that is read. Raises InputError.
     """
@@ -97,7 +95,7 @@ def groom_as_written(
 
 
 def shot_as_written(document: Document, note: Callable[[Path], object] = lambda path: None) -> Shot:
-    """The shot before its feathers are placed, which costs most; as groom_as_written."""
+    """Read the shot before its feathers are placed, which costs most; as groom_as_written."""
     with phase("reading", 1.0):
         return read_shot_file(*_arguments(document, note))
 
@@ -107,7 +105,7 @@ def _arguments(document: Document, note: Callable[[Path], object]) -> tuple[Any,
 
 
 def build(groom: Groom, quality: Quality | str = "final") -> tuple[Feather, ...]:
-    """Rest geometry of every feather of a groom, in its order, each in its own frame.
+    """Build the rest geometry of every feather of a groom, in its order, each in its own frame.
 
     quality: gives rows and columns; a name is one of the presets on the default search path.
     Raises InputError with the problems of all feathers that cannot be built.

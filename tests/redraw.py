@@ -20,9 +20,8 @@ from PIL import Image, ImageSequence
 
 ROOT = Path(__file__).resolve().parents[1]
 MAX_DIFFERENCE = 2.0  # of 255, mean over all values of an image
-# by tests/blender_image.py, a browser's window, a photograph, a diagram, a sheet of a motion, and a
-# file of --textures; those of production_shot by the files that its page shows
-BY_HAND = {"blender.png", "view.png", "traced.jpg", "barb_grid.png", "take_off.png", "textures.png"}
+# need Blender, and a page that is picked in; those of production_shot: by tests/test_page_runs.py
+BY_HAND = {"blender.png", "view.png", "traced.jpg"}
 BY_HAND |= {"body.png", "rest.png", "close.png", "free.png", "flight.png"}
 
 

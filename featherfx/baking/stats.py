@@ -54,7 +54,7 @@ def stats(
     budget: float | None = None,
     progress: Progress = False,
 ) -> dict[str, Any]:
-    """Counts, overlap and penetration of a groom; of a shot also the expected cost of its bake.
+    """Count feathers, overlap and penetration of a groom; of a shot also estimate its bake.
 
     source: a file, or a shot or groom in memory. quality: preset instead of the shot's; for a
     groom, that its meshes are counted at (default final). jobs: threads of the bake. Its cost is
