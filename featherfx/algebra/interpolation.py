@@ -28,6 +28,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -277,6 +278,15 @@ def eased(times: Sequence[float], values: Sequence[float], time: float) -> float
         return values[min(after, len(times) - 1)]
     before, step = values[after - 1], times[after] - times[after - 1]
     return before + smooth_step((time - times[after - 1]) / step) * (values[after] - before)
+
+
+def eased_integral(times: Sequence[float], values: Sequence[float], time: float) -> float:
+    """Integral of `eased` from the first of the times to a time."""
+    total = min(time - times[0], 0.0) * values[0] + max(time - times[-1], 0.0) * values[-1]
+    for (begin, end), (before, after) in zip(pairwise(times), pairwise(values), strict=True):
+        u = min(max((time - begin) / (end - begin), 0.0), 1.0)
+        total += (end - begin) * (before * u + (after - before) * u**4 * (2.5 + u * (u - 3.0)))
+    return total
 
 
 def faded(fractions: ArrayLike) -> NDArray[np.float64]:

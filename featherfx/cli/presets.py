@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -12,13 +13,14 @@ import click
 from featherfx.baking.install import copy_sample, sample_names
 from featherfx.cli.options import (
     RealNumber,
+    json_option,
     output_option,
     overwrite_option,
     pairs,
     presets_option,
     readable_path,
 )
-from featherfx.cli.program import Command, CommandGroup
+from featherfx.cli.program import Command, CommandGroup, print_json
 from featherfx.errors import InputError, Problem
 
 
@@ -31,14 +33,18 @@ def presets() -> None:
     "list",
     cls=Command,
     short_help="List all presets by family.",
-    epilog="featherfx presets list\nfeatherfx presets list --presets mine",
+    epilog="featherfx presets list\nfeatherfx presets list --presets mine --json",
 )
 @presets_option
-def list_command(preset_folders: tuple[Path, ...]) -> None:
+@json_option("Family, name, file and summary of each; of motions `cites` and `by_eye`, too.")
+def list_command(preset_folders: tuple[Path, ...], as_json: bool) -> None:
     """List all presets by family, with the first comment of each file."""
     from featherfx.groom.presets.presets import list_presets
 
     found = list_presets(preset_folders)
+    if as_json:
+        print_json({"presets": [asdict(each) | {"path": str(each.path)} for each in found]})
+        return
     width = max((len(preset.name) for preset in found), default=0)
     for family, members in groupby(found, key=lambda preset: preset.family):
         click.echo(family)

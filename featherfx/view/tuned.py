@@ -18,7 +18,7 @@ from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.places import Direction
 from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.problems import Place, Problems
-from featherfx.groom.keys.values import ArrayOf, Flag, Key, Number, Table, Text, ValueType
+from featherfx.groom.keys.values import ArrayOf, Either, Flag, Key, Number, Table, Text, ValueType
 from featherfx.groom.presets.library import plain
 from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.read.toml_text import toml_of
@@ -143,6 +143,8 @@ def _sliders(kind: ValueType, value: Any, at: str, key: Key) -> Iterator[Slider]
         kind = kind.finished()
     if isinstance(kind, Direction):
         kind = ArrayOf(Number(-1.0, 1.0), 3, 3)
+    if isinstance(kind, Either):
+        kind = kind.options.get(list if isinstance(value, tuple) else type(value), kind)
     if value is None:
         return
     if isinstance(kind, Table):
@@ -181,9 +183,11 @@ def _found(kind: ValueType, steps: Sequence[str]) -> ValueType:
             kind = kind.finished()
         if isinstance(kind, Direction):
             return Number(-1.0, 1.0)
+        if isinstance(kind, Either):
+            kind = kind.options[list if step.isdigit() else dict]
         assert isinstance(kind, Table | ArrayOf)
         kind = kind.keys[step].type if isinstance(kind, Table) else kind.item
-    return kind
+    return kind.options[float] if isinstance(kind, Either) else kind
 
 
 def _replaced(values: Any, steps: Sequence[str], value: Any) -> Any:

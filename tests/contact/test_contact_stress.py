@@ -195,7 +195,8 @@ def test_a_storm_from_above_ends_with_a_name_or_not_at_all():
 @pytest.mark.slow
 def test_a_wing_folds_by_120_degrees_and_ten_beats_run_through():
     shot = coarse_bird()
-    folded = replace(shot, motion=Motion("flap", shot.motion.values | {"wrist_amplitude": 120.0}))
+    wrist = {"mean": 4.0, "harmonics": ((0.0, -120.0),)}
+    folded = replace(shot, motion=Motion("flap", shot.motion.values | {"wrist": wrist}))
     _, frames = baked(folded, 25, 2)
     assert len(frames) == 25
     simulation, frames = baked(replace(bird(), last_frame=361), 361, 2)

@@ -6,7 +6,9 @@ import re
 from pathlib import Path
 
 # as far as the sample folds its wings: farther and neighbours lose each other at the wrist
-_FOLDED = ", elbow_amplitude = 6, elbow_offset = 4, wrist_amplitude = 8, wrist_offset = 4"
+_FOLDED = (
+    ", elbow = { mean = 4, harmonics = [[0, -6]] }, wrist = { mean = 4, harmonics = [[0, -8]] }"
+)
 SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 
 
@@ -35,6 +37,6 @@ def flock(
     shot.write_text(
         f'name = "flock"\ngroom = "flock_groom.toml"\nframes = [1, {frames}]\n'
         'frames_per_second = 30\nwind = "calm"\nquality = "draft"\n'
-        f'motion = {{ base = "flap", period = 1.2{_FOLDED} }}\n[contact]\n{more}'
+        f'motion = {{ base = "flap", wingbeat_frequency = 0.8333{_FOLDED} }}\n[contact]\n{more}'
     )
     return shot

@@ -116,6 +116,8 @@ def with_value(raw, path, value):
 
 def other_values(kind, value):
     """Values of a type that differ from one, the likeliest to show first."""
+    if isinstance(kind, Either):
+        kind = kind.options.get(type(value), kind)
     if isinstance(kind, Number):
         yield from _other_numbers(kind, value)
     elif isinstance(kind, Flag):

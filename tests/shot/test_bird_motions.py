@@ -149,8 +149,8 @@ def tips_of(folder, fold, motion, time):
 
 OPEN = '{ kind = "fold", folds = [{ time = 0, fold = 0 }] }'
 BENT = (
-    '{ kind = "flap", period = 1, shoulder_amplitude = 0, elbow_offset = 10, wrist_offset = 15,'
-    " elbow_amplitude = 5 }"
+    '{ kind = "flap", wingbeat_frequency = 1, stroke_amplitude = 0, wrist = 15,'
+    " elbow = { mean = 10, harmonics = [[5, 0]] } }"
 )
 
 

@@ -20,8 +20,8 @@ def flapping(**values):
 
 def test_the_angles_of_a_flap_come_back_on_both_sides():
     """raised = offset + amplitude cos(phase), swept = sweep cos, twisted = twist sin."""
-    keys = {"period": 1.0, "shoulder_amplitude": 40, "shoulder_offset": 5, "shoulder_sweep": 9}
-    tracks = find_tracks(flapping(**keys, twist=20))
+    keys = {"stroke_amplitude": 80, "elevation": {"mean": 5}, "sweep": {"harmonics": [[9, 0]]}}
+    tracks = find_tracks(flapping(**keys, twist={"harmonics": [[0, 20]]}))
     # ramps of a quarter of a beat end at rest; after them the phase is the time
     late = tracks.times > 0.3
     phase = 2.0 * np.pi * tracks.times[late]

@@ -17,19 +17,21 @@ from featherfx.shot.roots import root_rates
 from featherfx.shot.types import Motion, Quality, Shot, Wind
 
 MIRROR = np.diag((1.0, -1.0, 1.0))
-FLAP = {
-    "period": 0.8,
-    "shoulder_amplitude": 40.0,
-    "shoulder_offset": 8.0,
-    "shoulder_sweep": 12.0,
-    "elbow_amplitude": 15.0,
-    "elbow_offset": 25.0,
-    "elbow_phase": 0.7,
-    "wrist_amplitude": 20.0,
-    "wrist_offset": 30.0,
-    "wrist_phase": 0.75,
-    "twist": 15.0,
-    "beats": 0,
+PERIOD = 0.8
+STILL = {
+    **dict.fromkeys(("stroke_amplitude", "stroke_plane", "tip_reversal", "turn", "sweep"), 0.0),
+    **dict.fromkeys(("twist", "elbow", "wrist", "beats"), 0.0),
+    **{"wingbeat_frequency": 1.0, "downstroke": 0.5, "span_ratio": None},
+    "elevation": {"mean": 0.0, "harmonics": ((1.0, 0.0),)},
+}
+FLAP = STILL | {
+    "wingbeat_frequency": 1.0 / PERIOD,
+    "stroke_amplitude": 80.0,
+    "elevation": {"mean": 8.0, "harmonics": ((1.0, 0.0),)},
+    "sweep": {"mean": 0.0, "harmonics": ((12.0, 0.0),)},
+    "elbow": {"mean": 25.0, "harmonics": ((-5.0, -14.0),)},
+    "wrist": {"mean": 30.0, "harmonics": ((0.0, -20.0),)},
+    "twist": {"mean": 0.0, "harmonics": ((0.0, 15.0),)},
 }
 
 
@@ -159,7 +161,7 @@ def test_a_shake_begins_without_throwing_tips(tmp_path, kind):
 def test_flap_starts_at_rest_in_the_pose_of_phase_zero():
     motion = motion_of("flap", FLAP)
     (start, after), turns = sampled(motion, (0.0, 1e-5))
-    late = motion.frames(5 * FLAP["period"])
+    late = motion.frames(5 * PERIOD)
     np.testing.assert_allclose(start, late[0], atol=1e-12)
     np.testing.assert_allclose(turns[0], late[1], atol=1e-12)
     assert np.abs(after - start).max() < 1e-10
@@ -180,7 +182,7 @@ def test_flap_is_periodic_and_smooth():
 @pytest.mark.parametrize("beats", [0.3, 2.5])
 def test_flap_rests_after_its_beats(beats):
     motion = motion_of("flap", FLAP | {"beats": beats})
-    end = beats * FLAP["period"]
+    end = beats * PERIOD
     before, after = motion.frames(end - 1e-5)[0], motion.frames(end + 7.0)[0]
     np.testing.assert_allclose(motion.frames(end)[0], after, atol=1e-12)
     assert np.abs(before - after).max() < 1e-9
@@ -200,24 +202,22 @@ def test_flap_of_the_right_wing_mirrors_that_of_the_left():
 
 
 def test_flap_signs_raise_twist_and_fold_the_wing():
-    still = dict.fromkeys(FLAP, 0.0) | {"period": 1.0}
-
     def at(time, **values):
-        return motion_of("flap", still | values).frames(time)
+        return motion_of("flap", STILL | values).frames(time)
 
     rest = at(0.0)[0]
     left = slice(1, 4)
-    assert np.all(at(1.0, shoulder_amplitude=30.0)[0][left, 2] > rest[left, 2])
-    assert np.all(at(1.5, shoulder_amplitude=30.0)[0][left, 2] < rest[left, 2])
-    assert np.all(at(1.0, shoulder_sweep=10.0)[0][left, 0] < rest[left, 0])
+    assert np.all(at(1.0, stroke_amplitude=60.0)[0][left, 2] > rest[left, 2])
+    assert np.all(at(1.5, stroke_amplitude=60.0)[0][left, 2] < rest[left, 2])
+    assert np.all(at(1.0, sweep=10.0)[0][left, 0] < rest[left, 0])
     # A quarter beat on, in mid-downstroke, the leading edge (forward, +x) is down.
-    turn = at(1.25, twist=20.0)[1][1] @ at(0.0)[1][1].T
+    turn = at(1.25, twist={"mean": 0.0, "harmonics": ((0.0, 20.0),)})[1][1] @ at(0.0)[1][1].T
     assert turn[2, 0] == pytest.approx(-np.sin(np.radians(20.0)))
-    folded = at(0.0, elbow_offset=30.0)[0] - rest
+    folded = at(0.0, elbow=30.0)[0] - rest
     assert folded[2, 0] > 0.01
     assert folded[2, 2] < 0.0
     assert np.all(folded[1] == 0.0)
-    folded = at(0.0, wrist_offset=30.0)[0] - rest
+    folded = at(0.0, wrist=30.0)[0] - rest
     assert folded[3, 0] < -0.01
     assert folded[3, 2] < 0.0
     assert np.all(folded[:3] == 0.0)

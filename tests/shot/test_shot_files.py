@@ -57,12 +57,12 @@ def test_defaults(tmp_path: Path) -> None:
 
 def test_presets_with_changes(tmp_path: Path) -> None:
     text = SHOT + 'quality = "draft"\n[wind]\nbase = "storm"\nspeed = 12\ndirection = [0, 3, 4]\n'
-    text += '[motion]\nbase = "flap"\nperiod = 0.5\n'
+    text += '[motion]\nbase = "flap"\nwingbeat_frequency = 2\n'
     shot = read_shot(write(tmp_path, text))
     assert (shot.wind.speed, shot.wind.gust) == (12.0, 0.4)
     np.testing.assert_allclose(shot.wind.direction, (0, 0.6, 0.8))
-    assert (shot.motion.kind, shot.motion.values["period"]) == ("flap", 0.5)
-    assert shot.motion.values["shoulder_amplitude"] == 35.0
+    assert (shot.motion.kind, shot.motion.values["wingbeat_frequency"]) == ("flap", 2.0)
+    assert shot.motion.values["stroke_amplitude"] == 70.0
     assert "kind" not in shot.motion.values
     assert (shot.quality.rows, shot.quality.columns, shot.quality.coefficients) == (11, 4, 1)
 

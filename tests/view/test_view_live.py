@@ -42,7 +42,13 @@ def test_sliders_are_the_declared_keys():
     assert (young.unit, young.low, young.high) == ("Pa", 1e3, 1e12)
     assert (angle.unit, angle.low, angle.high, angle.value) == ("deg", 5.0, 120.0, 65.0)
     assert sliders["vane_material.hooks"].choices == ("closed", "slip", "open")
-    assert {"speed", "gust", "direction.2", "period", "wrist_phase"} <= sliders.keys()
+    assert {
+        "speed",
+        "gust",
+        "direction.2",
+        "wingbeat_frequency",
+        "wrist.harmonics.0.1",
+    } <= sliders.keys()
     for each in tuned.sliders:
         if each.kind in ("number", "whole"):
             assert each.low <= each.near[0] < each.near[1] <= each.high, each

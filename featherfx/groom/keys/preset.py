@@ -13,6 +13,7 @@ from featherfx.groom.keys.values import (
     ArrayOf,
     Default,
     Either,
+    Flag,
     Key,
     LazyKeys,
     Number,
@@ -270,8 +271,34 @@ FOLD_KEYS = {
 }
 
 
-def _angle(meaning: str, default: Any = REQUIRED) -> Key:
-    return Key(Number(-180, 180, "deg"), meaning, default)
+_ANGLE = Number(-180, 180, "deg")
+_SERIES_KEYS = {
+    "mean": Key(_ANGLE, "Mean over the beat.", 0.0),
+    "harmonics": Key(
+        ArrayOf(ArrayOf(_ANGLE, 2, 2), 0, 16),
+        "[cos, sin]: amplitudes of the first, second, ... harmonic of the phase. Default: none; of "
+        "`elevation` one cosine.",
+        (),
+    ),
+}
+
+
+def _curve(meaning: str, default: Any = 0.0) -> Key:
+    """A joint's angle over the phase of a beat."""
+    keys = ArrayOf(ArrayOf(Number(-180, 180), 2, 2), 2, 100)
+    series = Table(_SERIES_KEYS, "table of a Fourier series")
+    note = (
+        "A number, a Fourier series, or [phase, degrees] from phase 0 (top) over 0.5 (bottom) on."
+    )
+    types = Either({int: _ANGLE, float: _ANGLE, dict: series, list: keys})
+    return Key(types, f"{meaning} {note}", default)
+
+
+def _changing(number: Number, meaning: str, default: Any = REQUIRED) -> Key:
+    """A number, or what it is over time."""
+    pairs = ArrayOf(ArrayOf(Number(-1e5, 1e5), 2, 2), 1, 1000)
+    types = Either({int: number, float: number, list: pairs})
+    return Key(types, f"{meaning} A number, or [time, value] pairs: smooth between.", default)
 
 
 # within less than a period roots are faster at first than later, and feathers are thrown
@@ -292,18 +319,45 @@ MOTION_KEYS: dict[str, dict[str, Key]] = {
         "ramp_periods": _RAMP_PERIODS,
     },
     "flap": {
-        "period": Key(Number(0.001, 1000, "s"), "Duration of a wing beat."),
+        "wingbeat_frequency": _changing(Number(0.001, 1000, "Hz"), "Beats per second."),
         "beats": Key(Number(0, 1e6), "Beats until the wing rests; 0: no end.", 0.0),
-        "shoulder_amplitude": _angle("Half the stroke, about the body's long axis."),
-        "shoulder_offset": _angle("Middle of the stroke, positive upwards.", 0.0),
-        "shoulder_sweep": _angle("Backward sweep at the top of the stroke.", 0.0),
-        "elbow_amplitude": _angle("Half the folding of the elbow.", 0.0),
-        "elbow_offset": _angle("Middle of the folding of the elbow.", 0.0),
-        "elbow_phase": Key(Number(-1, 1), "Share of a beat by which the elbow lags.", 0.0),
-        "wrist_amplitude": _angle("Half the folding of the wrist.", 0.0),
-        "wrist_offset": _angle("Middle of the folding of the wrist.", 0.0),
-        "wrist_phase": Key(Number(-1, 1), "Share of a beat by which the wrist lags.", 0.0),
-        "twist": _angle("Half the turning of the wing about its span.", 0.0),
+        "stroke_amplitude": _changing(
+            Number(0, 180, "deg"),
+            "Angle between top and bottom of the stroke, to which `elevation` is scaled.",
+        ),
+        "downstroke": _changing(
+            Number(0.1, 0.9), "Share of a beat's time in which the wing falls.", 0.5
+        ),
+        "stroke_plane": _changing(
+            _ANGLE,
+            "Lean of the plane of the stroke: 0 straight up and down the body, 90 forwards and "
+            "backwards along it.",
+            0.0,
+        ),
+        "span_ratio": _changing(
+            Number(0.05, 1),
+            "Reach of a wing, from the line through its shoulder along the body to its tip, in the "
+            "middle of the upstroke over that of the downstroke; `elbow` and `wrist` are scaled "
+            "to it. Default: as they are.",
+            None,
+        ),
+        "tip_reversal": _changing(
+            _ANGLE, "Turn of the hand about its length in the middle of the upstroke.", 0.0
+        ),
+        "turn": _changing(
+            _ANGLE,
+            "For a turn to the left, by how much the left wing is swept back and its leading edge "
+            "lowered, and the right one swept forwards and raised.",
+            0.0,
+        ),
+        "elevation": _curve(
+            "Stroke of the arm over the beat, positive upwards.",
+            {"mean": 0.0, "harmonics": [[1.0, 0.0]]},
+        ),
+        "sweep": _curve("Turn of the arm backwards, beside its plane."),
+        "twist": _curve("Turn of the wing about its span, positive: leading edge down."),
+        "elbow": _curve("Folding of the elbow."),
+        "wrist": _curve("Folding of the wrist, and with it of the hand's fan."),
     },
     "fold": {
         "folds": Key(
@@ -344,8 +398,15 @@ MOTION_KEYS: dict[str, dict[str, Key]] = {
 MOTION_KIND_KEY = Key(
     Text(tuple(MOTION_KEYS)), "Kind of motion; it decides which of the keys below apply."
 )
+SOURCE_KEYS = {
+    "cites": Key(
+        ArrayOf(Text(), 0, 20), "Publications that figures of the motion come from, and which.", ()
+    ),
+    "by_eye": Key(Flag(), "Whether what no publication is cited for is set by eye.", False),
+}
 _KINDS |= {
-    kind: {"kind": MOTION_KIND_KEY} | keys | keys_of(Clock) for kind, keys in MOTION_KEYS.items()
+    kind: {"kind": MOTION_KIND_KEY} | keys | keys_of(Clock) | SOURCE_KEYS
+    for kind, keys in MOTION_KEYS.items()
 }
 _MOTION |= {name: key for keys in _KINDS.values() for name, key in keys.items()}
 

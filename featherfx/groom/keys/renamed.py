@@ -69,6 +69,15 @@ REMOVED = {
     "layout.most_lift": "Delete it: feathers bend onto their leaves (layout.thickness).",
     "layout.least_size": "Delete it: no feather of a layout is shortened.",
     "layout.drop": "Delete it: no feather of a layout is left out.",
+    "period": "Write wingbeat_frequency, one over it.",
+    "shoulder_amplitude": "Write stroke_amplitude, twice as much.",
+    "shoulder_offset": "Write elevation = { mean = ... }.",
+    "shoulder_sweep": "Write sweep = { harmonics = [[..., 0]] }.",
+    **{
+        f"{joint}_{what}": f"Write {joint} = {{ mean = ..., harmonics = [[cos, sin]] }}."
+        for joint in ("elbow", "wrist")
+        for what in ("amplitude", "offset", "phase")
+    },
     "region.layer": "Delete it: feathers lie over each other by where they start along the flow.",
     "wing.layer": "Delete it: its feathers stay as they are placed.",
     "row.layer": "Delete it: its feathers stay as they are placed.",

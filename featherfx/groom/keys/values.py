@@ -43,7 +43,7 @@ def one_of_types(*schemas: JsonSchema) -> JsonSchema:
         found |= schema
         if choices := found.pop("enum", ()):
             found["pattern"] = f"^({'|'.join(map(re.escape, choices))})$"
-    return found | {"type": [schema["type"] for schema in schemas]}
+    return found | {"type": list(dict.fromkeys(schema["type"] for schema in schemas))}
 
 
 class ValueType(Protocol):
@@ -223,14 +223,15 @@ class Either:
         option = self.options.get(type(value))
         if option is not None:
             return option.check(value, place, partial)
-        names = " or ".join(option.describe()[0] for option in self.options.values())
+        names = self.describe()[0]
         return place.fail(f"{shown(value)} is not allowed here, expects {names}")
 
     def describe(self) -> tuple[str, str, str]:
         parts = [option.describe() for option in self.options.values()]
         units = dict.fromkeys(part[1] for part in parts if part[1])
         ranges = dict.fromkeys(part[2] for part in parts if part[2])
-        return " or ".join(part[0] for part in parts), " or ".join(units), "; ".join(ranges)
+        kinds = dict.fromkeys(part[0] for part in parts)
+        return " or ".join(kinds), " or ".join(units), "; ".join(ranges)
 
     def schema(self, partial: bool) -> JsonSchema:
         return one_of_types(*(option.schema(partial) for option in self.options.values()))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import takewhile
@@ -25,12 +26,15 @@ _DIGITS = 12
 @dataclass(frozen=True)
 class PresetFile:
     """A preset that can be named. summary: the first sentence of its file's first
-    comment, without what stands in parentheses."""
+    comment, without what stands in parentheses. cites: publications that its figures come from.
+    by_eye: whether what none is cited for is set by eye."""
 
     family: str
     name: str
     path: Path
     summary: str
+    cites: tuple[str, ...] = ()
+    by_eye: bool = False
 
     def __str__(self) -> str:
         return f"{self.family}/{self.name}"
@@ -44,8 +48,18 @@ def list_presets(preset_folders: Iterable[str | Path] = ()) -> tuple[PresetFile,
         for name in sorted(library.names(family)):
             located = library.find(family, name)
             if located is not None:
-                found.append(PresetFile(family, name, located[0], _summary(located[0])))
+                sources = _sources(located[0]) if family == "motion" else ((), False)
+                found.append(PresetFile(family, name, located[0], _summary(located[0]), *sources))
     return tuple(found)
+
+
+def _sources(path: Path) -> tuple[tuple[str, ...], bool]:
+    """Publications that a preset's file cites, and whether the rest is set by eye."""
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        return (), False
+    return tuple(map(str, values.get("cites", ()))), bool(values.get("by_eye", False))
 
 
 def _summary(path: Path) -> str:

@@ -67,7 +67,10 @@ def still(shot: Shot) -> Shot:
 
 def beating_on(shot: Shot) -> Shot:
     """Eight beats of a wing that take whole frames each, in steady wind."""
-    values = shot.motion.values | {"beats": 0.0, "period": beat(shot) / shot.frames_per_second}
+    values = shot.motion.values | {
+        "beats": 0.0,
+        "wingbeat_frequency": shot.frames_per_second / beat(shot),
+    }
     last = shot.first_frame + _BEATS * beat(shot)
     wind = replace(shot.wind, gust=0.0)
     return replace(shot, motion=Motion("flap", values), wind=wind, last_frame=last)
@@ -75,7 +78,7 @@ def beating_on(shot: Shot) -> Shot:
 
 def beat(shot: Shot) -> int:
     """Frames of a wing beat."""
-    return max(1, round(float(shot.motion.values["period"]) * shot.frames_per_second))
+    return max(1, round(shot.frames_per_second / float(shot.motion.values["wingbeat_frequency"])))
 
 
 def beats(shot: Shot) -> bool:

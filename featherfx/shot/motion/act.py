@@ -17,8 +17,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from featherfx.algebra.types import Indices
-from featherfx.errors import InputError
-from featherfx.shot.motion.joints import JointPoses, PosesOverTime, Skeleton, still_poses
+from featherfx.shot.motion.joints import (
+    JointPoses,
+    MissingJointError,
+    PosesOverTime,
+    Skeleton,
+    still_poses,
+)
 from featherfx.shot.motion.motion import joint_poses, scaled_turns
 from featherfx.shot.types import Motion, Shot
 
@@ -29,34 +34,34 @@ def acted(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
     A part whose joints the groom lacks is left out. Raises InputError where none is left.
     """
     parts: list[PosesOverTime] = []
-    lacking: list[InputError] = []
+    lacking: list[MissingJointError] = []
     for part in motion.values["motions"]:
         try:
             parts.append(joint_poses(part, shot, skeleton))
-        except InputError as error:
+        except MissingJointError as error:
             lacking.append(error)
     if not parts:
         raise lacking[0]
-    upon = _Upon.of(skeleton)
+    compose = PoseComposer.of(skeleton)
 
     def poses(time: float) -> JointPoses:
         found = still_poses(len(skeleton.names))
         for part in parts:
-            found = upon(found, part(time))
+            found = compose(found, part(time))
         return found._replace(taken=found.aims)
 
     return poses
 
 
 @dataclass(frozen=True)
-class _Upon:
+class PoseComposer:
     """One pose upon another. parents: (J,)."""
 
     skeleton: Skeleton
     parents: Indices
 
     @classmethod
-    def of(cls, skeleton: Skeleton) -> _Upon:
+    def of(cls, skeleton: Skeleton) -> PoseComposer:
         parents = np.zeros(len(skeleton.names), dtype=np.int64)
         for joints, above in skeleton.levels:
             parents[joints] = above

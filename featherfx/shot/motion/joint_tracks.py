@@ -1,18 +1,20 @@
 """Motion of a shot's joints over its frames: places, turns, rates, and the angles of its wings.
 
-A wing's angles follow from the turn R of its shoulder against the body, on the left wing
+A wing's angles follow from the turn R of its shoulder against the body, since the opened wing, on
+the left wing
 
     R = R_x(elevation) R_z(sweep) R_y(twist),
 
 as a flap composes them (flap.py); on the right one from the mirror image. Elbow and wrist are their
-turns against rest, the fan is 1 where the hand is open and 0 where it is folded. The span ratio is
-the distance from the shoulder to the farthest tip over the largest one of the shot.
+folds about their hinges, without these their turns. The fan is 1 where the hand is open and 0 where
+it is folded. The span ratio is the reach of the wing (flap.py) over the largest one of the shot.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -22,7 +24,7 @@ from featherfx.algebra.rotation import frames_to_quats, rotation_vectors
 from featherfx.algebra.types import Array
 from featherfx.groom.types import Joint
 from featherfx.shot.motion.flap import MIRROR
-from featherfx.shot.motion.joints import Skeleton, joint_roots, skeleton_of
+from featherfx.shot.motion.joints import joint_roots, opened_poses, skeleton_of
 from featherfx.shot.motion.motion import joint_poses
 from featherfx.shot.types import Shot
 
@@ -85,7 +87,7 @@ def find_tracks(shot: Shot) -> JointTracks:
     """
     groom = shot.groom
     skeleton = skeleton_of(groom)
-    poses = joint_poses(shot.motion, shot, skeleton)
+    poses = cache(joint_poses(shot.motion, shot, skeleton))
     first, last = shot.first_frame, shot.last_frame
     count = _PER_FRAME * (last - first) + 1
     times = np.arange(count) / (_PER_FRAME * shot.frames_per_second)
@@ -100,7 +102,8 @@ def find_tracks(shot: Shot) -> JointTracks:
     for time in times:
         frames = roots.frames(float(time))
         tips.append(frames.positions + lengths[:, None] * frames.rotations[:, :, 0])
-    own = np.stack([skeleton.turned(each) for each in found])
+    opened = skeleton.turned(opened_poses(groom))
+    own = np.stack([skeleton.turned(each) for each in found]) @ opened.swapaxes(1, 2)
     folds = np.stack([each.bends + each.folds for each in found])
     wings = {}
     for side, name in _SIDES.items():
@@ -110,18 +113,13 @@ def find_tracks(shot: Shot) -> JointTracks:
             if joint.side == side and joint.role != "body"
         }
         if "shoulder" in joints:
-            borne = np.isin(roots.joints, _below(skeleton, joints["shoulder"]))
-            reach = np.stack(tips)[:, borne] - positions[:, joints["shoulder"]][:, None]
+            borne = np.isin(roots.joints, skeleton.below(joints["shoulder"]))
+            shoulder = joints["shoulder"]
+            reach = np.stack(tips)[:, borne] - positions[:, shoulder][:, None]
+            body = rotations[:, shoulder] @ (own[:, shoulder] @ opened[shoulder]).swapaxes(1, 2)
+            reach = np.linalg.norm((reach @ body)[:, :, 1:], axis=2).max(axis=1, initial=0.0)
             wings[name] = _wing(joints, groom.joints, own, folds, reach, side)
     return JointTracks(times, skeleton.names, positions, rotations, wings)
-
-
-def _below(skeleton: Skeleton, joint: int) -> list[int]:
-    """Return a joint and all that hang on it."""
-    found = [joint]
-    for joints, parents in skeleton.levels:
-        found += [int(each) for each, of in zip(joints, parents, strict=True) if of in found]
-    return found
 
 
 def _wing(
@@ -132,28 +130,31 @@ def _wing(
     reach: Array,
     side: int,
 ) -> WingTrack:
-    """Angles of a wing. joints: numbers by role. own: (T, J, 3, 3) turns against parents. folds:
-    (T, J) turns about hinges, of whole ones. reach: (T, F, 3) m, from the shoulder to tips."""
+    """Angles of a wing. joints: numbers by role. own: (T, J, 3, 3) turns against parents, since
+    opened. folds: (T, J) turns about hinges, of whole ones. reach: (T,) m."""
     shoulder = own[:, joints["shoulder"]]
     angles = Rotation.from_matrix(shoulder if side > 0 else shoulder * MIRROR).as_euler("XZY")
     elevation, sweep, twist = np.unwrap(angles, axis=0).T
 
-    def bend(role: str) -> Array:
-        turns = own[:, joints[role]] if role in joints else np.eye(3)[None]
-        return np.linalg.norm(rotation_vectors(turns), axis=1) * np.ones(len(own))
+    def closed(role: str) -> tuple[Array, Array]:
+        """Folds, of whole ones, and turns, rad, of a joint."""
+        number = joints.get(role, 0)
+        hinge = known[number - 1].hinge if number else None
+        if hinge is None or not hinge.any():
+            turns = own[:, number] if number else np.tile(np.eye(3), (len(own), 1, 1))
+            return np.zeros(len(own)), np.linalg.norm(rotation_vectors(turns), axis=1)
+        fold = known[number - 1].fold + folds[:, number]
+        return fold, fold * np.linalg.norm(hinge)
 
-    wrist = joints.get("wrist")
-    is_folding = wrist is not None and known[wrist - 1].hinge is not None
-    closed = known[wrist - 1].fold + folds[:, wrist] if is_folding and wrist else np.zeros(len(own))
-    spans = np.linalg.norm(reach, axis=2).max(axis=1, initial=0.0)
+    (_, elbow), (fold, wrist) = closed("elbow"), closed("wrist")
     return WingTrack(
         elevation,
         sweep,
         twist,
-        bend("elbow"),
-        bend("wrist"),
-        1.0 - closed,
-        spans / max(spans.max(), 1e-12),
+        elbow,
+        wrist,
+        1.0 - fold,
+        reach / max(reach.max(), 1e-12),
         _downstroke(elevation),
     )
 

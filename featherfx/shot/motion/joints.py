@@ -14,12 +14,17 @@ from featherfx.algebra.rotation import (
 )
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import applied
+from featherfx.errors import InputError
 from featherfx.groom.types import Groom
 from featherfx.shot.roots import RootFrames
 from featherfx.shot.types import Motion, Shot
 
 if TYPE_CHECKING:
     from featherfx.shot.motion.wing_turns import Bows, Tilts
+
+
+class MissingJointError(InputError):
+    """Joints that a motion moves and the groom lacks."""
 
 
 class JointPoses(NamedTuple):
@@ -57,6 +62,13 @@ class Skeleton:
     pivots: Array
     levels: tuple[tuple[Indices, Indices], ...]
     hinges: Array
+
+    def below(self, joint: int) -> list[int]:
+        """Return a joint and all that hang on it."""
+        found = [joint]
+        for joints, parents in self.levels:
+            found += [int(each) for each, of in zip(joints, parents, strict=True) if of in found]
+        return found
 
     def turned(self, poses: JointPoses) -> Array:
         """(J, 3, 3) rotations of joints against their parents, with those about their hinges."""
@@ -181,6 +193,13 @@ def held(_motion: Motion, _shot: Shot, skeleton: Skeleton) -> PosesOverTime:
 def still_poses(joints: int) -> JointPoses:
     """The poses at rest."""
     return free_poses(np.tile(np.eye(3), (joints, 1, 1)), np.zeros((joints, 3)))
+
+
+def opened_poses(groom: Groom) -> JointPoses:
+    """Poses of joints that stay, but for wings, tails and crests, which are open."""
+    found = still_poses(len(groom.joints) + 1)
+    found.folds[1:] = [-joint.fold for joint in groom.joints]
+    return found
 
 
 def free_poses(rotations: Array, displacements: Array) -> JointPoses:

@@ -9,8 +9,14 @@ import numpy as np
 
 from featherfx.algebra.interpolation import smooth_step
 from featherfx.algebra.rotation import from_rotation_vector
-from featherfx.errors import InputError, Problem
-from featherfx.shot.motion.joints import JointPoses, PosesOverTime, Skeleton, still_poses
+from featherfx.errors import Problem
+from featherfx.shot.motion.joints import (
+    JointPoses,
+    MissingJointError,
+    PosesOverTime,
+    Skeleton,
+    still_poses,
+)
 from featherfx.shot.types import Motion, Shot
 
 
@@ -33,7 +39,7 @@ def shaken(motion: Motion, _shot: Shot, skeleton: Skeleton) -> PosesOverTime:
 def swung(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
     """Poses of joints that swing about an axis, from rest.
 
-    Raises InputError where none of the joints is there.
+    Raises MissingJointError where none of the joints is there.
     """
     values = motion.values
     pattern = values["joints"]
@@ -41,7 +47,7 @@ def swung(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
     if not moved:
         known = ", ".join(skeleton.names[1:]) or "none"
         message = f"'{pattern}' is no joint of the groom. There are: {known}"
-        raise InputError(Problem(str(shot.source), "motion.joints", message))
+        raise MissingJointError(Problem(str(shot.source), "motion.joints", message))
     axis = math.radians(values["angle"]) * np.asarray(values["axis"], dtype=np.float64)
 
     def poses(time: float) -> JointPoses:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from functools import partial
 from itertools import pairwise
@@ -9,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.errors import all_of
-from featherfx.groom.keys.preset import Clock
+from featherfx.errors import InputWarning, all_of
+from featherfx.groom.keys.preset import MOTION_KEYS, SOURCE_KEYS, Clock
 from featherfx.groom.keys.problems import Place, Problems
+from featherfx.groom.keys.values import Either, Number, ValueType
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.types import Groom
 from featherfx.packages import load_name
@@ -35,23 +38,40 @@ def read_motion(
     place = replace(place, problems=problems)
     kind = values.pop("kind")
     clock = Clock(**{each.name: values.pop(each.name) for each in fields(Clock)})
-    _check_later(place.child("amount"), [time for time, _ in clock.amount])
-    for index, (_, amount) in enumerate(clock.amount):
-        if not 0.0 <= amount <= 2.0:
-            at = place.child("amount").item(index).item(1)
-            at.fail(f"{amount:g} is out of range. Give 0 to 2")
+    for source in SOURCE_KEYS:
+        values.pop(source)
+    _check_pairs(place.child("amount"), clock.amount, Number(0.0, 2.0))
     if kind == "act":
         at = Place(tree["motions"].source, place.child("motions").key, problems)
         with problems.collecting():
             values["motions"] = _parts(values["motions"], at, library, groom, depth)
     elif kind == "fold":
         _check_later(place.child("folds"), [key["time"] for key in values["folds"]], "time")
+    elif kind == "flap":
+        _check_flap(values, place)
     elif kind == "keys":
         _check_keyframes(values["keyframes"], groom, place.child("keyframes"))
     problems.hand_on()
     if groom is not None and clock.fit != "none":
         clock = load_name("motion.fit:fitted")(clock, groom)
     return Motion(kind, values, clock)
+
+
+def warn_of_aliases(motion: Motion, rate: float, source: str, tempo: float = 1.0) -> None:
+    """Warn of beats that are too fast for the frames. rate: frames per second."""
+    tempo *= motion.clock.tempo
+    if motion.kind == "act":
+        for part in motion.values["motions"]:
+            warn_of_aliases(part, rate, source, tempo)
+    if motion.kind != "flap":
+        return
+    given = motion.values["wingbeat_frequency"]
+    fastest = tempo * (max(each for _, each in given) if isinstance(given, tuple) else given)
+    if 2.0 * fastest > rate:
+        told = f"{fastest:.3g} beats a second look slower or backwards in {rate:g} frames"
+        remedy = f"Give more than {2.0 * fastest:.3g} frames_per_second"
+        message = f"{source}: motion.wingbeat_frequency: {told}. {remedy}"
+        warnings.warn(message, InputWarning, stacklevel=2)
 
 
 def _parts(
@@ -70,13 +90,39 @@ def _parts(
     return tuple(all_of(*read))
 
 
+def _check_pairs(place: Place, pairs: Sequence[Sequence[float]], allowed: ValueType) -> None:
+    """Times ascend, and values are allowed."""
+    _check_later(place, [time for time, _ in pairs])
+    for index, (_, value) in enumerate(pairs):
+        allowed.check(value, place.item(index).item(1), False)
+
+
+def _check_flap(values: dict[str, Any], place: Place) -> None:
+    """Numbers over time are in their ranges, keys of curves within one beat; series are whole."""
+    for name, key in MOTION_KEYS["flap"].items():
+        given, at = values[name], place.child(name)
+        if isinstance(given, dict):
+            usual = ((1.0, 0.0),) if name == "elevation" else ()
+            values[name] = {"mean": 0.0, "harmonics": usual} | given
+        if not isinstance(key.type, Either) or not isinstance(given, tuple):
+            continue
+        if dict not in key.type.options:
+            _check_pairs(at, given, key.type.options[float])
+            continue
+        _check_later(at, [phase for phase, _ in given])
+        for index, (phase, _) in enumerate(given):
+            if not 0.0 <= phase < 1.0:
+                wrong = f"{phase:g} is no phase of a beat. Give 0 to less than 1"
+                at.item(index).item(0).fail(wrong)
+
+
 def _check_later(place: Place, times: list[float], name: str = "") -> None:
     """Each time is after the one before it."""
     for index, (before, after) in enumerate(pairwise(times), 1):
         if not after > before:
             at = place.item(index)
             at = at.child(name) if name else at.item(0)
-            at.fail(f"{after:g} s is not after {before:g} s, the one before")
+            at.fail(f"{after:g} is not after {before:g}, the one before")
 
 
 def _check_keyframes(

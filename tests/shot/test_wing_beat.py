@@ -1,0 +1,161 @@
+"""Wing beats: shares, ratios and planes that are asked for are measured, modes blend, sources."""
+
+import json
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from commands import invoke
+from test_bird_motions import read
+
+from featherfx.errors import InputError, InputWarning
+from featherfx.shot.motion.joint_tracks import find_tracks
+from featherfx.shot.motion.joints import skeleton_of
+from featherfx.shot.motion.motion import joint_poses
+
+# a beat under way, with both wings open
+BEAT = """kind = "act"
+[[motion.motions]]
+kind = "fold"
+folds = [{{ time = 0, fold = 0 }}]
+[[motion.motions]]
+base = "pigeon_beat"
+start = -1
+{}
+"""
+
+
+def tracks_of(folder, motion, frames=7, rate=24):
+    shot = read(folder, motion)
+    return shot, find_tracks(replace(shot, last_frame=frames, frames_per_second=float(rate)))
+
+
+@pytest.mark.parametrize(("share", "ratio"), [(0.35, 0.8), (0.5, 0.62), (0.66, 0.7)])
+def test_downstroke_and_span_ratio_are_what_is_asked_for(tmp_path, share, ratio):
+    keys = f"wingbeat_frequency = 4\ndownstroke = {share}\nspan_ratio = {ratio}\ntip_reversal = 20"
+    _, tracks = tracks_of(tmp_path, BEAT.format(keys), 25, 48)
+    for wing in tracks.wings.values():
+        assert wing.downstroke == pytest.approx(share, abs=0.02)
+        # a beat takes 12 frames of 8 samples
+        middle = [round(8 * 12 * each) for each in (share / 2.0, share + (1.0 - share) / 2.0)]
+        down, up = (wing.span_ratio[96 + each] for each in middle)
+        assert up / down == pytest.approx(ratio, abs=0.015)
+        assert np.ptp(np.degrees(wing.elevation)) > 75.0
+
+
+@pytest.mark.parametrize("lean", [-20.0, 35.0, 80.0])
+def test_the_arm_beats_in_the_plane_of_the_stroke(tmp_path, lean):
+    keys = f"stroke_plane = {lean}\nsweep = 0\ntwist = 0"
+    _, tracks = tracks_of(tmp_path, BEAT.format(keys))
+    wing = tracks.wings["left"]
+    arm = np.stack(
+        [
+            -np.sin(wing.sweep),
+            np.cos(wing.sweep) * np.cos(wing.elevation),
+            np.cos(wing.sweep) * np.sin(wing.elevation),
+        ]
+    )
+    normal = np.array((np.cos(np.radians(lean)), 0.0, np.sin(np.radians(lean))))
+    np.testing.assert_allclose(normal @ arm, 0.0, atol=1e-9)
+    stroke = np.degrees(np.arctan2(arm[2] * normal[0] - arm[0] * normal[2], arm[1]))
+    assert np.ptp(stroke) == pytest.approx(84.0, abs=0.5)
+
+
+def test_in_a_turn_to_the_left_the_left_wing_is_swept_back_and_lowered(tmp_path):
+    _, straight = tracks_of(tmp_path, BEAT.format(""))
+    _, turning = tracks_of(tmp_path, BEAT.format("turn = 6"))
+    for name, sign in (("left", 1.0), ("right", -1.0)):
+        for angle in ("sweep", "twist"):
+            change = getattr(turning.wings[name], angle) - getattr(straight.wings[name], angle)
+            np.testing.assert_allclose(np.degrees(change), sign * 6.0, atol=1e-6)
+
+
+def test_the_hand_turns_over_in_the_upstroke_alone(tmp_path):
+    """About its own length: fold and reach stay."""
+    _, plain = tracks_of(tmp_path, BEAT.format("tip_reversal = 0\nspan_ratio = 0.8"))
+    _, turned = tracks_of(tmp_path, BEAT.format("tip_reversal = 50\nspan_ratio = 0.8"))
+    hand = plain.names.index("left_wing_wrist")
+    relative = plain.rotations[:, hand].swapaxes(1, 2) @ turned.rotations[:, hand]
+    cosine = np.clip((np.trace(relative, axis1=1, axis2=2) - 1.0) / 2.0, -1.0, 1.0)
+    angle = np.degrees(np.arccos(cosine))
+    falls = np.gradient(plain.wings["left"].elevation) < 0.0
+    assert angle[falls].max() < 1.0
+    assert angle.max() == pytest.approx(50.0, abs=0.5)
+    np.testing.assert_array_equal(plain.wings["left"].wrist > 0.0, turned.wings["left"].wrist > 0.0)
+
+
+def test_modes_follow_each_other_without_a_jump(tmp_path):
+    """Frequency, stroke and all others change in the middle of beats."""
+    keys = """wingbeat_frequency = [[0, 9], [0.5, 4]]
+stroke_amplitude = [[0, 130], [0.5, 60]]
+downstroke = [[0, 0.62], [0.5, 0.45]]
+stroke_plane = [[0, 0], [0.5, 40]]
+span_ratio = [[0, 0.62], [0.5, 0.9]]
+tip_reversal = [[0, 50], [0.5, 0]]"""
+    shot = read(tmp_path, BEAT.format(keys))
+    poses = joint_poses(shot.motion, shot, skeleton_of(shot.groom))
+    found = [poses(time) for time in np.arange(0.0, 0.6, 4e-4)]
+    for values in (np.stack([p.rotations for p in found]), np.stack([p.bends for p in found])):
+        # of a motion without a jump, steps over half the time are half as long
+        whole, half = (np.abs(np.diff(each, axis=0)).max() for each in (values[::2], values))
+        assert whole / half == pytest.approx(2.0, rel=0.02)
+
+
+def strokes(tracks):
+    """Time (s) and angle (deg) from the horizontal, from top to bottom, of each downstroke."""
+    wing, body = tracks.wings["left"], tracks.rotations[:, 0]
+    cosine = np.cos(wing.sweep)
+    arm = [-np.sin(wing.sweep), cosine * np.cos(wing.elevation), cosine * np.sin(wing.elevation)]
+    arm = np.einsum("tij,jt->ti", body, np.array(arm))
+    turns = 1 + np.flatnonzero(np.diff(np.sign(np.diff(wing.elevation))))
+    for top, bottom in pairwise(turns):
+        if wing.elevation[top] > wing.elevation[bottom]:
+            x, _, z = arm[bottom] - arm[top]
+            yield tracks.times[top], np.degrees(np.arctan2(z, x))
+
+
+@pytest.mark.parametrize(
+    ("name", "during", "published"),
+    [
+        ("take_off", (0.3, 0.95), ((-60.0, 5.0), (-47.0, 1.0))),
+        ("landing", (0.42, 0.9), ((-1.0, 2.0), (17.0, 7.0))),
+    ],
+)
+def test_strokes_lie_in_the_planes_of_a_pigeon(tmp_path, name, during, published):
+    """Berg and Biewener 2010, summary: mean and standard deviation, first and last."""
+    _, tracks = tracks_of(tmp_path, f'base = "{name}"\nfit = "none"', 27, 24)
+    found = [angle for time, angle in strokes(tracks) if during[0] < time < during[1]]
+    assert len(found) >= 3
+    for angle, (mean, deviation) in zip((found[0], found[-1]), published, strict=True):
+        assert angle == pytest.approx(mean, abs=deviation), found
+
+
+def test_the_list_of_presets_says_where_figures_of_motions_come_from():
+    listed = json.loads(invoke("presets", "list", "--json").stdout)["presets"]
+    motions = {each["name"]: each for each in listed if each["family"] == "motion"}
+    assert "Berg and Biewener 2010" in motions["take_off"]["cites"][0]
+    assert motions["cruise"] == motions["cruise"] | {"cites": [], "by_eye": True}
+    flight = ("flap", "pigeon_beat", "cruise", "take_off", "landing", "hover", "glide", "bank")
+    assert all(motions[name]["cites"] or motions[name]["by_eye"] for name in flight)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ("downstroke = 1.5", r"motion.*downstroke: 1.5 is out of range. Give 0.1 to 0.9"),
+        ("span_ratio = 0.1", r"span_ratio: 0.1 is less than these wings reach.*Give at least 0"),
+        ("elbow = [[0.5, 3], [0.2, 1]]", r"elbow\[1\]\[0\]: 0.2 is not after 0.5"),
+        ("elbow = [[0, 3], [1, 1]]", r"elbow\[1\]\[0\]: 1 is no phase of a beat"),
+        ("turn = [[0, 3], [1, 999]]", r"turn\[1\]\[1\]: 999 is out of range"),
+        ("period = 1", r"period: was removed. Write wingbeat_frequency"),
+    ],
+)
+def test_beats_that_cannot_be(tmp_path, keys, message):
+    with pytest.raises(InputError, match=message):
+        tracks_of(tmp_path, BEAT.format(keys), 1)
+
+
+def test_beats_too_fast_for_the_frames_are_told(tmp_path):
+    with pytest.warns(InputWarning, match=r"14.*beats a second.*Give more than 28 frames"):
+        read(tmp_path, BEAT.format("wingbeat_frequency = 14"))
