@@ -164,8 +164,8 @@ def test_all_faults_of_a_preset_and_its_base_come_at_once(tmp_path: Path) -> Non
 
 
 def test_key_of_another_motion_is_refused(tmp_path: Path) -> None:
-    write(tmp_path / "motion", "odd", 'base = "shake"\nperiod = 1\n')
-    with pytest.raises(InputError, match="period: does not apply to a motion of kind shake"):
+    write(tmp_path / "motion", "odd", 'base = "shake"\nturn = 1\n')
+    with pytest.raises(InputError, match="turn: does not apply to a motion of kind shake"):
         load_preset("odd", [tmp_path])
 
 

@@ -52,7 +52,7 @@ ACTS = ("take_off", "landing", "glide", "hover", "shake_off", "preen", "walk")
 def test_motions_of_a_bird_are_smooth_and_move_wings_or_tail(acts, name):
     shot = acts[name]
     motion = root_motion(shot)
-    own = np.linspace(0.2, 1.2, 100)
+    own = np.linspace(0.2, 1.2, 200)
     positions, rotations = sampled(motion, own / shot.motion.clock.tempo)
     assert is_rotation(rotations)
     against = np.swapaxes(rotations[:, :1], 2, 3) @ rotations

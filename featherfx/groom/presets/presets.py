@@ -14,7 +14,7 @@ from featherfx.errors import InputError, Problem
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.preset import PRESET_FAMILIES, Quality
 from featherfx.groom.keys.problems import Place, Problems, nearest
-from featherfx.groom.keys.values import Table
+from featherfx.groom.keys.values import Either, Table
 from featherfx.groom.presets.kinds import kind_of
 from featherfx.groom.presets.library import Library, Sourced, Tree, plain
 from featherfx.groom.read.toml_text import toml_of
@@ -127,8 +127,12 @@ def show(name: str, preset_folders: Iterable[str | Path] = ()) -> str:
 
 def _lines(table: Table, tree: Tree, prefix: str) -> Iterator[tuple[str, str]]:
     for name, key in table.keys.items():
+        if name not in tree:
+            continue  # of a table that is one of several types
         value: Any = tree[name]
         inner = key.type.finished() if isinstance(key.type, Preset) else key.type
+        if isinstance(inner, Either) and isinstance(value, dict):
+            inner = inner.options[dict]
         if isinstance(value, Sourced) and value.value in (None, {}):
             continue  # TOML has no word for what is not given
         if isinstance(value, Sourced):

@@ -109,20 +109,20 @@ def _check_flap(values: dict[str, Any], place: Place) -> None:
         if dict not in key.type.options:
             _check_pairs(at, given, key.type.options[float])
             continue
-        _check_later(at, [phase for phase, _ in given])
+        _check_later(at, [phase for phase, _ in given], unit="")
         for index, (phase, _) in enumerate(given):
             if not 0.0 <= phase < 1.0:
                 wrong = f"{phase:g} is no phase of a beat. Give 0 to less than 1"
                 at.item(index).item(0).fail(wrong)
 
 
-def _check_later(place: Place, times: list[float], name: str = "") -> None:
+def _check_later(place: Place, times: list[float], name: str = "", unit: str = " s") -> None:
     """Each time is after the one before it."""
     for index, (before, after) in enumerate(pairwise(times), 1):
         if not after > before:
             at = place.item(index)
             at = at.child(name) if name else at.item(0)
-            at.fail(f"{after:g} is not after {before:g}, the one before")
+            at.fail(f"{after:g}{unit} is not after {before:g}{unit}, the one before")
 
 
 def _check_keyframes(
