@@ -60,7 +60,7 @@ from featherfx.shot.types import Motion, Shot
 _HINGE_LEAN = math.radians(20.0)
 _RAMP = 0.25  # of a beat
 _MAX_BEND = math.radians(150.0)  # of an elbow or wrist without a hinge
-_BISECTIONS = 24
+_BISECTIONS = 24  # of a factor of folds
 # What mirroring at the plane of symmetry (y -> -y) does to the entries of a rotation matrix.
 MIRROR = np.outer((1.0, -1.0, 1.0), (1.0, -1.0, 1.0))
 
