@@ -20,7 +20,9 @@ def test_what_is_pressed_is_deep_or_is_on_another_side_is_remembered():
     touch["side"] = [1, -1, 1, 1, -1, 0, 1]
     order = np.array([1, -1, 1, -1, -1, 1])
     found = ContactSearch(touch, 6)  # the last is of an earlier search
-    memory = ContactMemory(*(np.zeros(0),) * 3, np.ones(WALL), np.zeros(WALL, dtype=np.int8))
+    memory = ContactMemory(
+        *(np.zeros(0),) * 3, np.ones(WALL), np.zeros(WALL, dtype=np.int8), np.zeros(3)
+    )
     known = found.remembered(order, memory)
     rows, columns = WALL[1:]
     place = [(0, 0, 1), (1, 1, 2), (2, 2, 3), (3, 3, 4)]

@@ -32,9 +32,9 @@ _WRONG, BAD = 0.5, 2.0
 # over the first of these, misfit after the rounds of one search beyond which a feather is searched
 # for no more in a step that is cut: one in nine ends within bounds
 _LOST = 2.0
-# part of the feathers that should need no more than one step of their own in a common one; the next
-# common step over the last, at least
-FEW_STEPS, SHRINK = 0.6, 0.25
+# part of the feathers that should need no more than one step of their own in a common one, as each
+# costs a search of all; the next common step over the last, at least
+FEW_STEPS, SHRINK = 0.25, 0.25
 # iterations that a common step and what is done again of it take, over those that steps of which
 # nothing is done again take for the same time, beyond which the next may be half as long at most;
 # and how what they may be grows from step to step
@@ -197,11 +197,11 @@ class FrameSteps:
         Where that concerns few feathers, shorter steps of all would take more."""
         length = self.span.length
         work, self._work = self._work / length, 0.0
-        if tried and work > DEAR * self._easy:
+        if tried and 0.0 < DEAR * self._easy < work:
             self._bound = max(0.5 * length, self.shortest)
             return
         self._bound = GROW * max(self._bound, length)
-        if not tried:
+        if not (tried and self._easy):
             self._easy = 0.5 * (work + self._easy) if self._easy else work
 
     def spend(self, reports: Sequence[StepReport], time: float) -> None:
@@ -230,4 +230,4 @@ class FrameSteps:
         if not awake.any():
             return 2.0 * length
         own = np.concatenate([state.proposal for state in states])[awake]
-        return max(SHRINK * length, float(np.quantile(own, 1.0 - FEW_STEPS)))
+        return max(SHRINK * length, float(np.quantile(own, 1.0 - FEW_STEPS, method="lower")))

@@ -46,8 +46,8 @@ from featherfx.solver.contact.search_kernels import (
 # edge, and so much of its height above a crease, up to so many thicknesses
 BESIDE_RATIO, SLANT_RATIO, CREASE_RATIO = 1.0, 0.1, 20.0
 OVER_RATIO = BESIDE_RATIO + SLANT_RATIO * CREASE_RATIO
-# slack that is asked for, over the widest margin, and if there is less; m, for rounding
-_MOST, _LESS, _LEAST, ROUNDING_RATIO = 4.0, 1.0, 0.4, 1e-9
+# slacks that are asked for one after the other, over the widest margin; m, for rounding
+_SLACK_RATIOS, ROUNDING_RATIO = (4.0, 1.0, 0.3, 0.1, 0.03), 1e-9
 # looks at a pair until its slack is asked for again: where there was some, and where not
 _SOON, _LATE = 1, 8
 # a triangle's size that lets no node be beside it, m
@@ -111,7 +111,7 @@ def follow(body, search, clearance):
     """Add to what a body has changed since the search before, and renew its triangles."""
     surfaces, ahead, frame = search.surfaces, search.bodies.ahead[body], clearance.frame[body]
     before, width = clearance.nodes[body], search.surfaces.present.shape[2]
-    most, moved, extent, lost = _MOST * search.widest, 0.0, 0.0, False
+    most, moved, extent, lost = _SLACK_RATIOS[0] * search.widest, 0.0, 0.0, False
     _fit_frame(ahead, surfaces, body, frame)
     for i in range(ahead.shape[0]):
         for c in range(width):
@@ -217,7 +217,7 @@ def clear(pair, bodies, side, reach, search, clearance):
         return
     (guest, host), (margin, way) = bodies, reach
     clearance.wait[pair] = _LATE
-    for part in (_MOST, _LESS, _LEAST):
+    for part in _SLACK_RATIOS:
         slack = part * search.widest
         if slack - ROUNDING_RATIO <= way:
             return

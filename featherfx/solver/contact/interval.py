@@ -87,6 +87,10 @@ _RIGID = 1e150
 # searches for contacts in one interval: the poses at its end are not known before; margin of the
 # next, over the way that a body went against expectation
 _MAX_SEARCHES, _WIDER = 4, 2.0
+# margin, over the way along an axis, with which two bodies that both go so far do not touch;
+# least margin of a first search, over the largest: one thickness; part of a surprise that stays
+# expected for the next interval
+_CLOSING_RATIO, _MIN_MARGIN_RATIO, _EXPECTED_RATIO = 2.0, 1.0 / 6.0, 0.9
 _MIN_RESIDUAL = 1e-9  # m, below which rounds see no more than what is left of the solves
 
 
@@ -124,6 +128,7 @@ class ContactSolver:
         self._free = np.ones(bodies, dtype=np.bool_)
         self._fixed = np.zeros(bodies, dtype=np.int8)
         self.memory = no_memory(self.surfaces)
+        self._surprise = self.memory.surprise
         self._searched: Array | None = None
         self.found, self._spare = ContactSearch(new_touch(), 0), new_touch()
         self._listed = ByBody(np.zeros(bodies + 1, dtype=np.int64), np.zeros(0, dtype=np.int64))
@@ -176,7 +181,11 @@ class ContactSolver:
         if yielding is not None:
             soft[yielding] = 1
         before, forces = ContactSearch(new_touch(1), 0), np.zeros(self.grids.bodies)
-        margin, off = self._margin.copy(), np.zeros(self.grids.bodies)
+        # what settles is stopped after each step, and headed nowhere
+        surprise = np.full_like(self._margin, np.inf) if settling else memory.surprise
+        expected = _WIDER * _CLOSING_RATIO * surprise * duration**2
+        margin = np.clip(expected, _MIN_MARGIN_RATIO * self._margin, self._margin)
+        off, trusted = np.zeros(self.grids.bodies), margin / _CLOSING_RATIO
         moved, searched = np.zeros(self.grids.bodies), self._searched_room(run.now)
         for number in range(_MAX_SEARCHES):
             np.copyto(searched, run.now)
@@ -191,11 +200,16 @@ class ContactSolver:
             meeting_kernels.largest_moves(run.now, searched, free, moved)
             worst = solved.marks.worst
             off = np.where(worst > lost, worst, off)
-            stale, before = (moved >= margin) & ~run.failed() & (off == 0.0), self.found
+            if number == 0:
+                known = np.where(np.isinf(surprise), 0.0, _EXPECTED_RATIO * surprise)
+                latest = np.maximum(moved / duration**2, known)
+                self._surprise = np.where(free & (not settling), latest, surprise)
+            stale, before = (moved >= trusted) & ~run.failed() & (off == 0.0), self.found
             if not stale.any():
                 break
             # the bodies did not go where they were headed: look again where they went, and wider
             margin[stale] = np.minimum(_WIDER * moved[stale], self.settings.margin)
+            trusted = margin
             list_kernels.add_forces(*self.found, forces)
             order = self.candidates.order
             memory = self.found.remembered(order, self._found_in, self.memory)
@@ -236,7 +250,8 @@ class ContactSolver:
         """Keep the forces of the last interval for the next one. but: (B,) bodies of which, and of
         what touches them, those before are kept."""
         kept = ~self._free if but is None else ~self._free | but
-        new = self.found.remembered(self.candidates.order, self._found_in)
+        found_in = self._found_in._replace(surprise=self._surprise)
+        new = self.found.remembered(self.candidates.order, found_in)
         self.memory = self._joined(self.memory, new, kept, but is None) if kept.any() else new
 
     def _joined(
@@ -260,6 +275,7 @@ class ContactSolver:
             side=np.concatenate([each.side[chosen] for each, chosen in parts])[order],
             wall=np.where(bodies, old.wall, new.wall),
             inside=np.where(bodies, old.inside, new.inside),
+            surprise=np.where(kept, old.surprise, new.surprise),
         )
 
     def pressed(self) -> Indices:

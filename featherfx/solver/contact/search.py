@@ -78,7 +78,7 @@ class ContactSearch(NamedTuple):
             along = np.argsort(key, kind="stable")
             force = np.concatenate([force, np.zeros((int(idle.sum()), 2))])[along]
             key, side = key[along], np.concatenate([side, start.side[idle]])[along]
-        return ContactMemory(key, force, side, wall, memory.inside.copy())
+        return ContactMemory(key, force, side, wall, memory.inside.copy(), memory.surprise)
 
 
 class Searcher:

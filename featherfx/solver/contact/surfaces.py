@@ -254,4 +254,5 @@ def no_memory(surfaces: VaneSurfaces) -> ContactMemory:
         side=np.zeros(0, dtype=np.int8),
         wall=np.zeros(surfaces.guests.shape),
         inside=np.zeros(surfaces.guests.shape, dtype=np.int64),
+        surprise=np.full(len(surfaces.far), np.inf),
     )

@@ -79,6 +79,8 @@ class ContactMemory(NamedTuple):
     contacts of feathers, as one number; force: (K, 2) N, on guest and host; side: (K,) of the host.
     wall: (B, n, W) N, forces of walls. inside: (B, n, W), three bits for each
     wall (WALL_BITS): guests have grown into it (GROWN_IN), are before a sheet, or behind it.
+    surprise: (B,) m/s^2, how far each body went from where it was headed, over the square of the
+    interval; endless where nothing is known.
     """
 
     key: Indices
@@ -86,6 +88,7 @@ class ContactMemory(NamedTuple):
     side: Bytes
     wall: Array
     inside: Indices
+    surprise: Array
 
 
 class Candidates(NamedTuple):
