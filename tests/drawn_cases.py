@@ -17,10 +17,10 @@ from featherfx.groom.materials import RachisMaterial, VaneMaterial
 from featherfx.groom.types import BarbGuide, FeatherKind, RachisShape, VaneShape
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Loads, Model, no_loads
+from featherfx.solver.damping import with_damping
 from featherfx.solver.scratch import Pose, make_scratch
 from featherfx.solver.solver import RootPath, Settings, hold_roots, limit_iterations
 from featherfx.solver.state import State, rest_state
-from featherfx.solver.step.modes import with_damping
 from featherfx.solver.step.pose_kernels import complete_pose, load_pose, rebuild_centres
 
 # share of cases with narrow vanes, and of vanes that are missing
@@ -271,7 +271,7 @@ def crumple(model: Model, state: State, random: np.random.Generator, angle: floa
     state.centre[0] = unstretched.centre
     pose = pose_of(model, state)
     state.points.at(0).assign(pose.points)
-    for step in range(2):
+    for step in range(state.strains.rachis.shape[1]):
         state.strains.at(0, step).assign(pose.strains)
 
 
@@ -279,7 +279,7 @@ def pose_of(model: Model, state: State) -> Pose:
     """The pose of feather 0 that belongs to its coordinates, with points and strains."""
     pose = make_scratch(model).now
     load_pose(model, 0, state, pose)
-    complete_pose(model, 0, pose, state.strains.at(0, 0))
+    complete_pose(model, 0, pose, state.strains.hinge[0, 0])
     return pose
 
 

@@ -60,7 +60,7 @@ def energies(model: Model, state: State, loads: Loads) -> tuple[float, float, fl
     kinetic += 0.5 * float(turning)
     potential = -float(np.einsum("np,npk,k->", heavy, nodes, loads.gravity))
     strains = pose_of(model, state).strains
-    elastic = float(elastic_energy(model, 0, strains, strains, state.gaps_of(0), 0.0))
+    elastic = float(elastic_energy(model, 0, strains, strains, state.gaps_of(0), 0.0, 0.0))
     return kinetic, elastic, potential
 
 

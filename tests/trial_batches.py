@@ -87,6 +87,8 @@ def rod(
         air_volume=np.zeros((1, rows, 1)),
         closed=np.ones(1),
         retardation=np.zeros((1, 2)),
+        relaxation_time=np.zeros((1, 2, 0)),
+        relaxation_weight=np.zeros((1, 2, 0)),
         hooks=no_hooks(1, rows),
     )
 

@@ -70,6 +70,8 @@ _POWERS: dict[str, float | Array] = {
     "air_volume": 3.0,
     "closed": 0.0,
     "retardation": 1.0,
+    "relaxation_time": 0.0,
+    "relaxation_weight": 0.0,
     "cell_guard": np.array([3.0, 0.0]),
 }
 
@@ -87,7 +89,7 @@ def make_model(
     at most one a column: turns of more joints than there are would move nothing.
     touching: whether loose barbs do not pass through each other.
     Where a kind's barbs are clamped elastically, all get one more: see clamped_shapes.
-    Damping is left at zero: featherfx.solver.step.modes.with_damping adds it. Roots are held.
+    Damping is left at zero: featherfx.solver.damping.with_damping adds it. Roots are held.
     """
     columns = feathers[0].columns
     coefficients = min(coefficients, columns)
@@ -116,6 +118,8 @@ def make_model(
         held=np.ones(len(parts), dtype=np.bool_),
         shapes=clamped_shapes(shapes) if elastic else shapes,
         retardation=np.zeros((len(parts), 2)),
+        relaxation_time=np.zeros((len(parts), 2, 0)),
+        relaxation_weight=np.zeros((len(parts), 2, 0)),
         hooks=hooks,
         **stacked,
     )

@@ -78,6 +78,8 @@ class Model(NamedTuple):
     air_volume: (F, n, 1 + 2 m) m^3, of the air that the vane carries (air_kernels).
     closed: (F,) part of the vane's area that air does not pass: 1 - permeability.
     retardation: (F, 2) s, Kelvin-Voigt times of rachis and vane (loss factor / first frequency).
+    relaxation_time: (F, 2, B) s and relaxation_weight: (F, 2, B), of their Maxwell branches
+    (solver/damping); B is 0 where no material has a band.
     cell_guard: (F, 2, n-1, m, 2, 2), G (N m) and n of the compression guard (vane_guard_kernels),
     or (F, 0, 0, 0, 0, 0) where there is none. hooks: of the vane.
     """
@@ -103,6 +105,8 @@ class Model(NamedTuple):
     air_volume: Array
     closed: Array
     retardation: Array
+    relaxation_time: Array
+    relaxation_weight: Array
     hooks: VaneHooks
     cell_guard: Array = np.zeros((0, 0, 0, 0, 0, 0))
 

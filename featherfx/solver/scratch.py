@@ -53,15 +53,16 @@ class Pose(NamedTuple):
 class StepEnvironment(NamedTuple):
     """References against which a step's energy is measured.
 
-    target, past: of the integrator. reference: strains that damping pulls towards. gaps: at the
-    step's start. Of the nodes (air_kernels): wind (n, 1 + 2 m, 3) m/s, area (n, 1 + 2 m, 3) m^2,
-    speed (n, 1 + 2 m) m/s, carried (n, 1 + 2 m) kg, added mass, slip (n, 1 + 2 m) m/s^2, g;
-    aside (n, 1 + 2 m, 3) m, scratch.
+    target, past: of the integrator. reference: strains that damping pulls towards. angles: (2, n,
+    m) rad, of the hinges at the step's start, and gaps there. Of the nodes (air_kernels): wind
+    (n, 1 + 2 m, 3) m/s, area (n, 1 + 2 m, 3) m^2, speed (n, 1 + 2 m) m/s, carried
+    (n, 1 + 2 m) kg, added mass, slip (n, 1 + 2 m) m/s^2, g; aside (n, 1 + 2 m, 3) m, scratch.
     """
 
     target: RowPoints
     past: RowPoints
     reference: Strains
+    angles: Array
     gaps: Gaps
     wind: Array
     area: Array
@@ -181,7 +182,7 @@ class SolverScratch(NamedTuple):
     spin (n, 3), coefficient_rate (2, n, 2 C): those of State in the step before the last. force (n,
     1 + 2 m, 3), stiff (n, 1 + 2 m, 6): of the nodes. axes (2, n, m, 6): of the barbs' joints.
     jacobian (n, 2, 6 + 2 C, 3 S): of the barbs, axis by axis. beam: sums of one rachis element.
-    gaps: at the step's end. closing: contacts.
+    gaps and history (2 + B, ...), the dashpots' strains: at the step's end. closing: contacts.
     """
 
     now: Pose
@@ -199,6 +200,7 @@ class SolverScratch(NamedTuple):
     jacobian: Array
     beam: RachisScratch
     gaps: Gaps
+    history: Strains
     closing: ActiveContacts
 
 
@@ -286,6 +288,7 @@ def make_scratch(model: Model) -> SolverScratch:
             target=make_points(n, m),
             past=make_points(n, m),
             reference=make_strains(model),
+            angles=np.zeros((2, n, m)),
             gaps=make_gaps(model),
             wind=np.zeros((n, size, 3)),
             area=np.zeros((n, size, 3)),
@@ -326,6 +329,7 @@ def make_scratch(model: Model) -> SolverScratch:
             gradient=np.zeros((6, 12)), stress=np.zeros(6), matrix=np.zeros((12, 12))
         ),
         gaps=make_gaps(model),
+        history=make_strains(model, 2 + model.relaxation_time.shape[2]),
         closing=ActiveContacts(
             on=np.zeros(MAX_FOLLOWED_CONTACTS, dtype=np.int8),
             push=np.zeros(MAX_FOLLOWED_CONTACTS),

@@ -48,7 +48,6 @@ from featherfx.solver.step.newton_kernels import (
     next_convergence,
 )
 from featherfx.solver.step.pose_kernels import keep_pose, load_pose
-from featherfx.solver.step.strain_kernels import copy_strains, strains_of
 from featherfx.solver.types import MIXING_DEPTH, IntegratorFactors
 
 FIRST_SETTLE_STEP, MIN_SETTLE_STEP, SETTLE_STEP_GROWTH = 1e-2, 1e-7, 8.0  # step lengths, s
@@ -115,13 +114,7 @@ def _begin(model, f, state, work):
     _clear(work.around.carried)
     _clear(state.coefficient_rate[f])
     state.step[f] = 0.0
-    rest = work.around.reference
-    _clear(rest.rachis)
-    _clear(rest.barb)
-    _clear(rest.cell)
-    _clear(rest.hinge)
-    _clear(rest.twist)
-    _clear(rest.openness)
+    _clear(work.around.angles)
     _load(model, f, state, work)
     copy_gaps(gaps_of(state.gaps, f), work.around.gaps)
 
@@ -138,7 +131,6 @@ def _keep(model, f, state, work):
     """The pose now becomes the state's; gaps slip and open as they do after a step."""
     now, before, after = work.now, work.around.gaps, work.gaps
     keep_pose(f, now, state)
-    copy_strains(now.strains, strains_of(state.strains, f, 1))
     if not never_slip(before):
         slip_gaps(model, f, now.strains.cell, before, after)
         weaken_gaps(model, f, now.strains.cell, before, after)
@@ -173,7 +165,7 @@ def _step(model, loads, f, goal, times, pace, found, work):
     fraction, tolerance = goal
     copy_points(work.now.points, work.around.target)
     copy_points(work.now.points, work.around.past)
-    factors = IntegratorFactors(1.0 / (h * h), 1.0 / h, 0.0)
+    factors = IntegratorFactors(1.0 / (h * h), 1.0 / h, 0.0, 0.0)
     wanted = NewtonGoal(tolerance, limit, pace, True)
     solved = minimise(model, loads, f, fraction, factors, wanted, work)
     found.iterations[f] += solved.iterations

@@ -272,7 +272,7 @@ def raise_if_failed(
 def specific_energy(model: Model, state: State, f: int) -> float:
     """Elastic energy of feather f over its mass, J/kg."""
     strains, gaps = state.strains.at(f, 0), state.gaps_of(f)
-    energy = float(energy_kernels.elastic_energy(model, f, strains, strains, gaps, 0.0))
+    energy = float(energy_kernels.elastic_energy(model, f, strains, strains, gaps, 0.0, 0.0))
     return energy / float(model.mass[f].sum())
 
 

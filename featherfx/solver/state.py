@@ -27,9 +27,10 @@ class State(NamedTuple):
     rotation: (F, n, 4) row frames as quaternions. centre: (F, n, 3) m. coefficient: (F, 2, n, 2 C)
     rad. points: (F, ...) nodes and directors, velocity and acceleration: their rates; smoothed: the
     integrator's averaged acceleration. spin: (F, n, 3) rad/s and coefficient_rate:
-    (F, 2, n, 2 C) rad/s of the last step, for the next predictor. strains: (F, 2, ...) after the
-    last step and the one before. step: (F,) s, its length, 0 before the first. proposal: (F,) s,
-    length that the error control wants next. time: (F,) s. gaps: (F, ...).
+    (F, 2, n, 2 C) rad/s of the last step, for the next predictor. strains: (F, 2 + B, ...) after
+    the last step, after the one before, and of the dashpots (step/relaxation_kernels). step: (F,)
+    s, its length, 0 before the first. proposal: (F,) s, length that the error control wants next.
+    time: (F,) s. gaps: (F, ...).
     """
 
     rotation: Array
@@ -161,7 +162,7 @@ def rest_state(model: Model, positions: Array, rotations: Array) -> State:
         smoothed=make_points(n, m, count),
         spin=np.zeros((count, n, 3)),
         coefficient_rate=np.zeros((count, 2, n, 2 * c)),
-        strains=make_strains(model, count, 2),
+        strains=make_strains(model, count, 2 + model.relaxation_time.shape[2]),
         step=np.zeros(count),
         proposal=np.zeros(count),
         time=np.zeros(count),
@@ -220,10 +221,10 @@ def set_pose(
     state.time[f] = time
     work = make_scratch(model)
     pose_kernels.load_pose(model, f, state, work.now)
-    pose_kernels.complete_pose(model, f, work.now, work.around.reference)
+    pose_kernels.complete_pose(model, f, work.now, work.around.angles)
     state.points.at(f).assign(work.now.points)
-    for step in range(2):
-        state.strains.at(f, step).assign(work.now.strains)
+    for each in range(state.strains.rachis.shape[1]):
+        state.strains.at(f, each).assign(work.now.strains)
 
 
 # m and rad; what a path may differ from the state by round-off

@@ -62,12 +62,13 @@ class Strains(NamedTuple):
 
 
 class IntegratorFactors(NamedTuple):
-    """Factors of the integrator in a step's energy: inertia (1/s^2), rate of velocities and
-    strain_rate of strains (1/s)."""
+    """Factors of a step's energy: inertia (1/s^2) and rate of velocities (1/s) of the integrator,
+    and damping of the rachis and the vane, q of relaxation_kernels."""
 
     inertia: float
     rate: float
-    strain_rate: float
+    rachis_damping: float = 0.0
+    vane_damping: float = 0.0
 
 
 class StepSettings(NamedTuple):

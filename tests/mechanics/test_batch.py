@@ -19,8 +19,8 @@ from featherfx.mechanics.batch import MIN_HOOKED, make_model, resized, row_frame
 from featherfx.mechanics.model import expand_wind, no_loads
 from featherfx.mechanics.vane_bending_kernels import hinge_angle
 from featherfx.mechanics.vane_rest import cell_weights
+from featherfx.solver.damping import with_damping
 from featherfx.solver.scratch import make_scratch
-from featherfx.solver.step.modes import with_damping
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.types import IntegratorFactors

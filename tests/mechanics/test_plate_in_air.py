@@ -14,7 +14,7 @@ from featherfx.mechanics.model import no_loads
 from featherfx.solver.scratch import make_scratch
 from featherfx.solver.solver import Settings, Solver, hold_roots
 from featherfx.solver.state import rest_state
-from featherfx.solver.step.modes import decrements, frequencies
+from featherfx.solver.step.modes import damped_modes, frequencies
 
 pytestmark = pytest.mark.verification
 
@@ -156,7 +156,7 @@ def test_still_air_lowers_frequencies_as_more_mass_of_the_vane_would():
         assert lower == pytest.approx((1.0 + part * (ratio - 1.0)) ** -0.5, rel=2e-3)
     damped = model._replace(retardation=np.full((1, 2), 1e-3))
     first = frequencies(model, 0, 1)
-    assert decrements(damped, 0, 1) == pytest.approx(2e-3 * np.pi**2 * first, rel=0.01)
+    assert damped_modes(damped, 0, 1).decrements == pytest.approx(2e-3 * np.pi**2 * first, rel=0.01)
 
 
 def test_a_plate_that_is_let_go_swings_with_its_air_and_loses_energy_to_a_stream():

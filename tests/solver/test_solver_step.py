@@ -11,6 +11,7 @@ from trial_batches import FEATHER_PRESETS, at_origin, preset_batch, preset_kind,
 from featherfx.errors import SimulationError
 from featherfx.feather.types import barb_slice
 from featherfx.mechanics.model import no_loads
+from featherfx.solver.damping import with_damping
 from featherfx.solver.solver import (
     FEATHERS_PER_PIECE,
     RootPath,
@@ -21,7 +22,6 @@ from featherfx.solver.solver import (
     raise_if_failed,
 )
 from featherfx.solver.status import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_FINITE
-from featherfx.solver.step.modes import with_damping
 
 FRAME = 1.0 / 24.0
 EARTH = (0.0, 0.0, -9.81)

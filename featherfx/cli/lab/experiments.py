@@ -39,7 +39,7 @@ from featherfx.lab.ribbons.rod import (
     ModesTest,
     ReleaseTest,
     bend,
-    natural_frequencies,
+    find_rod_modes,
     release,
 )
 from featherfx.lab.studies.study import Figure
@@ -97,7 +97,7 @@ def _modes(
     if kind is not None and (test.rod.length, test.rod.ei) != (None, None):
         raise click.UsageError("--kind has its own --length and --ei. Leave them out")
     if kind is None:
-        yield {"frequencies_hz": natural_frequencies(test.rod, test.count)}
+        yield find_rod_modes(test)
     else:
         yield find_feather_modes(kind, test.count, air, preset_folders)
 

@@ -13,6 +13,8 @@ from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import expected
 from featherfx.groom.looks import BarbLook, Colour, Pattern
 from featherfx.groom.materials import (
+    MAX_BAND_LOSS,
+    MAX_LOSS_BAND_RATIO,
     MAX_PROFILE_FACTOR,
     MIN_PROFILE_FACTOR,
     Curve,
@@ -138,11 +140,25 @@ def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind:
 
         kind = follow_rachis_line(kind, line, _at(tree, place, "rachis", "line"))
     _check_hooks(kind.vane_material, tree, place)
+    for name in ("rachis_material", "vane_material"):
+        _check_band(getattr(kind, name), place.child(name))
     _check_profiles(kind, tree, place)
     if kind.vane_material.ribbon:
         _check_ribbon(kind, tree, place)
     problems.hand_on()
     return dialled(kind, values["stiffness"], values["weight"])
+
+
+def _check_band(material: RachisMaterial | VaneMaterial, place: Place) -> None:
+    band = material.loss_band
+    if not band:
+        return
+    if len(band) == 1 or not band[0] < band[1] <= MAX_LOSS_BAND_RATIO * band[0]:
+        message = "a band is a lowest and a highest frequency. Give two, the second above the first"
+        place.child("loss_band").fail(f"{message} and up to {MAX_LOSS_BAND_RATIO:g} times as high")
+    if material.loss_factor > MAX_BAND_LOSS:
+        message = f"{material.loss_factor:g} is out of range. Give up to {MAX_BAND_LOSS:g} with"
+        place.child("loss_factor").fail(f"{message} a loss_band")
 
 
 def _check_hooks(vane: VaneMaterial, tree: Tree, place: Place) -> None:

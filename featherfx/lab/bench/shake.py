@@ -22,9 +22,9 @@ from featherfx.lab.nodal.model import nodal_model
 from featherfx.lab.nodal.solver import NodalSolver, nodal_rest_state
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Model, no_loads
+from featherfx.solver.damping import with_damping
 from featherfx.solver.solver import RootPath, Settings, Solver, raise_if_failed
 from featherfx.solver.state import rest_state
-from featherfx.solver.step.modes import with_damping
 
 _AMPLITUDE, _FREQUENCY = 0.05, 3.0
 # m/s^2, largest of the root

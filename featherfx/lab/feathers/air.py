@@ -27,10 +27,11 @@ from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Model, no_loads
 from featherfx.mechanics.node_kernels import node_forces
 from featherfx.shot.loads.loads import SHAFT_DRAG
+from featherfx.solver.damping import with_damping
 from featherfx.solver.scratch import make_scratch
 from featherfx.solver.solver import Settings, Solver, hold_roots, raise_if_failed
 from featherfx.solver.state import rest_state
-from featherfx.solver.step.modes import decrements, frequencies, with_damping
+from featherfx.solver.step.modes import damped_modes
 from featherfx.solver.types import IntegratorFactors
 
 # rows, columns and coefficients of a feather that is measured, and of one that falls
@@ -98,7 +99,7 @@ def find_feather_modes(
     if not allowed.holds(count):
         require(Problem("modes", "count", f"{count} is not allowed. Give {allowed}"))
     density = _STILL.air_density if in_air else 0.0
-    return FeatherModes(frequencies(model, 0, count, density), decrements(model, 0, count, density))
+    return FeatherModes(*damped_modes(model, 0, count, density))
 
 
 def measure_stream(test: StreamTest, preset_folders: tuple[str | Path, ...] = ()) -> StreamForces:

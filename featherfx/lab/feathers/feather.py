@@ -42,9 +42,9 @@ from featherfx.mechanics.vane_rest import barb_nodes
 from featherfx.shot.loads.loads import frame_loads
 from featherfx.shot.motion.motion import root_motion, root_path
 from featherfx.shot.types import Grip, Motion, Quality, Shot, Wind
+from featherfx.solver.damping import with_damping
 from featherfx.solver.solver import Settings, Solver, raise_if_failed
 from featherfx.solver.state import State, rest_state
-from featherfx.solver.step.modes import with_damping
 from featherfx.solver.types import IntegratorFactors
 
 Kinematics = Literal["nodal", "barb-curvature"]

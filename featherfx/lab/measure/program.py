@@ -34,12 +34,12 @@ from featherfx.lab.bench.shake import root_paths, swan_primary
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import expand_wind, no_loads
 from featherfx.shot.loop.simulate import simulate
+from featherfx.solver.damping import with_damping
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.state import rest_state
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
 from featherfx.solver.step.integrator_kernels import integrator_of
-from featherfx.solver.step.modes import with_damping
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import add_increment, barb_jacobians
 from featherfx.solver.types import FORCES_ONLY, WHOLE_STIFFNESS, IntegratorFactors

@@ -387,13 +387,13 @@ def _plate_energy(plate, angles, reference, rows, damping):
 
 
 @kernel
-def nodal_elastic_energy(model, nodal, f, strains, reference, multiplier, strain_rate):
+def nodal_elastic_energy(model, nodal, f, strains, reference, multiplier, damping):
     """Elastic energy, with the dissipation of the step, of strains (S,) (J).
 
-    reference: (S,). multiplier: (2, n, m). strain_rate: 1/s, 0 for the elastic energy alone.
+    reference: (S,). multiplier: (2, n, m). damping: of rachis and vane.
     """
     rows, columns = model.mass.shape[1], model.joints.shape[3]
-    vane = model.retardation[f, 1] * strain_rate
+    rachis, vane = damping
     at, at_turns, at_cells, at_hinges = sections(rows, columns)
     total = 0.0
     for i in range(rows - 1 if nodal.has_rachis else 0):
@@ -402,7 +402,7 @@ def nodal_elastic_energy(model, nodal, f, strains, reference, multiplier, strain
                 strains[6 * i + k],
                 reference[6 * i + k],
                 model.rachis_stiffness[f, i, k],
-                model.retardation[f, 0] * strain_rate,
+                rachis,
             )
     stretch, price = nodal.stretch_stiffness[f].flat, multiplier.flat
     for a in range(at_turns - at):
@@ -429,7 +429,13 @@ def nodal_step_energy(model, nodal, loads, f, fraction, factors, pose, work):
     around, nodes, directors = work.around, pose.points.nodes, pose.points.directors
     return (
         nodal_elastic_energy(
-            model, nodal, f, pose.strains, around.reference, work.multiplier, factors.strain_rate
+            model,
+            nodal,
+            f,
+            pose.strains,
+            around.reference,
+            work.multiplier,
+            (factors.rachis_damping, factors.vane_damping),
         )
         + grip_energy(loads, f, fraction, nodes)
         + dead_energy(loads, f, fraction, nodes)

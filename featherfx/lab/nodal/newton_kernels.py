@@ -237,9 +237,8 @@ def nodal_assemble(model, nodal, loads, f, fraction, factors, signed, work):
         model.rotary_inertia[f], factors.inertia, loads.couple[f], nodal.frame_slot[f], work
     )
     if nodal.has_rachis:
-        damping = model.retardation[f, 0] * factors.strain_rate
-        add_rachis(model, nodal, f, damping, signed, work)
-    damping = model.retardation[f, 1] * factors.strain_rate
+        add_rachis(model, nodal, f, factors.rachis_damping, signed, work)
+    damping = factors.vane_damping
     add_stretch(nodal, f, damping, signed, work)
     add_turns(model, nodal, f, damping, work)
     _add_cells(model, nodal, f, damping, signed, work)

@@ -49,7 +49,7 @@ class NodalState(NamedTuple):
 
     rotation: (F, n, 4) row frames as quaternions. points: (F, ...) nodes, the coordinates
     themselves, and directors; velocity, acceleration, smoothed: as in State. spin: (F, n, 3) rad/s.
-    strains: (F, 2, S) after the last step and the one before. multiplier: (F, 2, n, m) N m, of
+    strains: (F, 2 + B, S), as in State. multiplier: (F, 2, n, m) N m, of
     inextensible barb segments. step, proposal, time: (F,) s, as in State.
     """
 
@@ -162,7 +162,7 @@ def nodal_state(model: Model, points: RowPoints) -> NodalState:
         acceleration=make_points(n, m, count),
         smoothed=make_points(n, m, count),
         spin=np.zeros((count, n, 3)),
-        strains=np.zeros((count, 2, nodal_strain_count(model))),
+        strains=np.zeros((count, 2 + model.relaxation_time.shape[2], nodal_strain_count(model))),
         multiplier=np.zeros((count, 2, n, m)),
         step=np.zeros(count),
         proposal=np.zeros(count),
@@ -264,7 +264,7 @@ def nodal_settle(
         if h >= STATIC_STEP:
             break
         h *= SETTLE_STEP_GROWTH
-    state.strains[f, 1] = state.strains[f, 0]
+    state.strains[f, 1:] = state.strains[f, 0]
     return int(status), int(iterations)
 
 

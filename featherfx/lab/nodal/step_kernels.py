@@ -35,6 +35,7 @@ from featherfx.solver.step.integrator_kernels import (
 )
 from featherfx.solver.step.newton_kernels import UNKNOWN_CONVERGENCE
 from featherfx.solver.step.pose_kernels import root_at, rotate_by
+from featherfx.solver.step.relaxation_kernels import damping_over, relax, set_reference
 from featherfx.solver.step.step_control_kernels import (
     EXTRAPOLATE,
     FOLLOW_ROOT,
@@ -48,7 +49,6 @@ from featherfx.solver.step.step_control_kernels import (
     next_step,
     record_failure,
 )
-from featherfx.solver.step.strain_kernels import difference_weights, set_reference
 from featherfx.solver.types import IntegratorFactors, StepSettings
 
 # beside the ways of solver/step/step_control_kernels.py: start at the last pose
@@ -124,8 +124,10 @@ def _predict(model, nodal, loads, f, path, attempt, state, work):
     now, around, h, way = work.now, work.around, attempt.h, attempt.way
     load_state(state, f, work)
     begin_points(attempt.spectral_radius, h, state, f, around)
-    weights = difference_weights(h, state.step[f])
-    set_reference(weights, state.strains[f, 0], state.strains[f, 1], around.reference)
+    history, first = state.strains[f], 6 * (now.rotation.shape[0] - 1)
+    steps, last = (h, state.step[f]), history.shape[1]
+    set_reference(model, f, 0, steps, (0, first), history, around.reference)
+    set_reference(model, f, 1, steps, (first, last), history, around.reference)
     if way == EXTRAPOLATE:
         _go_on(h, nodal, f, state, now)
     if model.held[f]:
@@ -142,18 +144,23 @@ def _predict(model, nodal, loads, f, path, attempt, state, work):
     if loads.air[0] > 0.0:
         motion, span = motion_of(state, f, NODE_POINTS), (state.time[f] + h, h, method.rate)
         blow_step(motion, now.points.nodes, span, loads, f, model, around)
-    return IntegratorFactors(method.inertia, method.rate, weights[2] / h)
+    rachis = damping_over(model, f, 0, h, state.step[f])
+    vane = damping_over(model, f, 1, h, state.step[f])
+    return IntegratorFactors(method.inertia, method.rate, rachis, vane)
 
 
 @kernel
-def _accept(f, attempt, state, work):
+def _accept(model, f, attempt, state, work):
     """The solved step becomes the state."""
     now, around, h = work.now, work.around, attempt.h
     end_points(attempt.spectral_radius, h, state, f, now.points, around)
     for i in range(now.rotation.shape[0]):
         change = multiply(now.rotation[i], conjugate(state.rotation[f, i]))
         store(state.spin[f, i], over(logarithm(change), h))
-    copy_values(state.strains[f, 0], state.strains[f, 1])
+    history, first = state.strains[f], 6 * (now.rotation.shape[0] - 1)
+    relax(model, f, 0, h, (0, first), now.strains, history, history)
+    relax(model, f, 1, h, (first, history.shape[1]), now.strains, history, history)
+    copy_values(history[0], history[1])
     keep_state(f, state, work)
     state.step[f] = h
     state.time[f] += h
@@ -213,7 +220,7 @@ def nodal_advance(model, nodal, loads, f, frame, state, work, report):
         verdict, h, way = judge_attempt(h, first, attempt, outcome, settings)
         count_attempt(report, f, verdict, attempt, outcome, settings)
         if verdict == TAKEN:
-            _accept(f, attempt, state, work)
+            _accept(model, f, attempt, state, work)
             done += step
             h, way = after_step(first, attempt, outcome, settings)
         elif h == 0.0:

@@ -27,12 +27,13 @@ from featherfx.algebra.types import Array
 from featherfx.errors import InputWarning, Problem, require
 from featherfx.lab.declare import FINITE, POSITIVE, Range, out_of_range, part, value
 from featherfx.mechanics.model import Loads, Model, no_hooks, no_loads
+from featherfx.solver.damping import fit_branches
 from featherfx.solver.scratch import SolverScratch, make_scratch
 from featherfx.solver.solver import Settings, Solver, hold_roots, raise_if_failed
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.energy_kernels import elastic_energy
-from featherfx.solver.step.modes import first_frequency, frequencies
+from featherfx.solver.step.modes import DampedModes, damped_modes
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.types import FORCES_ONLY, IntegratorFactors
@@ -128,6 +129,8 @@ def rod_model(rod: Rod, load: float = 0.0) -> Model:
         air_volume=np.zeros((1, rows, 1)),
         closed=np.ones(1),
         retardation=np.zeros((1, 2)),
+        relaxation_time=np.zeros((1, 2, 0)),
+        relaxation_weight=np.zeros((1, 2, 0)),
         hooks=no_hooks(1, rows),
     )
 
@@ -245,6 +248,8 @@ _START = 1e-3
 # factors of velocity and acceleration in the forces: none
 _STATIC = IntegratorFactors(0.0, 0.0, 0.0)
 _NAME = "rod"
+# Hz
+_LOSS_BAND = 1.0, 200.0
 _MIN_SEGMENTS = 40
 # of the length within which a load bends a rod
 _ELEMENTS_WITHIN = 3
@@ -268,6 +273,7 @@ class ModesTest:
 
     rod: Rod = part("line_weight", line_mass=1.0, length=None, ei=None)
     count: int = value("Frequencies wanted.", 4)
+    loss_factor: float = value("Of a rod's material, from 1 to 200 Hz.", 0.0, Range(0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -277,9 +283,7 @@ class ReleaseTest:
     rod: Rod = part(line_mass=1.0)
     duration: float = value("s.", allowed=POSITIVE)
     tolerance: float = value("m, local error that a step may have.", 1e-4, POSITIVE)
-    loss_factor: float = value(
-        "Of the material, at the first natural frequency.", 0.0, Range(0.0, 10.0)
-    )
+    loss_factor: float = value("Of the material, from 1 to 200 Hz.", 0.0, Range(0.0, 1.0))
     samples: int = value("Output times after the first.", 100, Range(1, 1_000_000))
     radius: float = value(
         "1 conserves energy, 0 damps most of what a step does not resolve.", 0.8, Range(0.0, 1.0)
@@ -373,15 +377,22 @@ def _warn_of_coarse(rod: Rod, load: float) -> None:
 
 
 def natural_frequencies(rod: Rod, count: int) -> Array:
-    """(count,) lowest natural frequencies of a clamped rod about its rest shape, Hz, ascending.
+    """(count,) lowest natural frequencies of a clamped rod about its rest shape, Hz, ascending."""
+    return find_rod_modes(ModesTest(rod, count)).frequencies
+
+
+def find_rod_modes(test: ModesTest) -> DampedModes:
+    """Find the lowest vibrations of a clamped rod about its rest shape.
 
     A frequency that two modes share (bending in both planes of a rod with ei2 = ei) is listed
     twice. Raises InputError for wrong values; count is 1 to 3 times the segments.
     """
+    rod, count = test.rod, test.count
     most = Range(1, 3 * rod.segments)
     problem = Problem(_NAME, "count", f"{count} is not allowed. Give {most}")
-    require(*rod_problems(rod), *([] if most.holds(count) else [problem]))
-    return frequencies(rod_model(rod), 0, count)
+    wrong = [] if most.holds(count) else [problem]
+    require(*rod_problems(rod), *wrong, *out_of_range(test, _NAME))
+    return damped_modes(damped(rod_model(rod), test.loss_factor), 0, count)
 
 
 def release(test: ReleaseTest) -> Swing:
@@ -392,9 +403,7 @@ def release(test: ReleaseTest) -> Swing:
     """
     rod, tolerance = test.rod, test.tolerance
     require(*rod_problems(rod), *out_of_range(test, _NAME))
-    model, loads = rod_model(rod), rod_loads(rod)
-    if test.loss_factor > 0.0:
-        model = damped(model, test.loss_factor)
+    model, loads = damped(rod_model(rod), test.loss_factor), rod_loads(rod)
     _compile()
     begin = time.perf_counter()
     settings = Settings(tolerance, _NEWTON_SHARE * tolerance, _SUBSTEPS, test.radius)
@@ -420,10 +429,13 @@ def release(test: ReleaseTest) -> Swing:
 
 
 def damped(model: Model, loss_factor: float) -> Model:
-    """The rod with Kelvin-Voigt damping: loss factor over its first angular frequency."""
-    retardation = np.zeros_like(model.retardation)
-    retardation[:, 0] = loss_factor / first_frequency(model, 0)
-    return model._replace(retardation=retardation)
+    """The rod of a material with a loss factor from 1 to 200 Hz."""
+    if loss_factor == 0.0:
+        return model
+    times, weights = (
+        each[None, None].repeat(2, 1) for each in fit_branches(loss_factor, _LOSS_BAND)
+    )
+    return model._replace(relaxation_time=times, relaxation_weight=weights)
 
 
 def posed(model: Model, loads: Loads, state: State) -> SolverScratch:
@@ -437,7 +449,7 @@ def posed(model: Model, loads: Loads, state: State) -> SolverScratch:
 def total_energy(model: Model, loads: Loads, state: State) -> float:
     """Kinetic, elastic and potential energy (J) of a batch of one under dead loads and gravity."""
     strains = posed(model, loads, state).now.strains
-    elastic = elastic_energy(model, 0, strains, strains, state.gaps_of(0), 0.0)
+    elastic = elastic_energy(model, 0, strains, strains, state.gaps_of(0), 0.0, 0.0)
     inertia, nodes = (model.mass[0], model.rotary_inertia[0]), state.points.nodes[0]
     kinetic = sum(
         0.5 * np.einsum("np,npk,npk", mass, rate, rate)

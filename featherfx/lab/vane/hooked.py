@@ -225,7 +225,7 @@ class HookedSample:
         return CyclePoint(
             pull=pull,
             stress=_CLAMP * float((apart @ self.way).sum()) / self.section,
-            stored=float(elastic_energy(self.model, 0, strains, strains, gaps, 0.0)),
+            stored=float(elastic_energy(self.model, 0, strains, strains, gaps, 0.0, 0.0)),
             kinetic=float(kinetic),
             spent=gaps.spent.copy(),
         )

@@ -112,7 +112,8 @@ class DirectedMaterial(GroupLoad):
             values = getattr(model, name)
             scaled[name] = values * stiffness.reshape(-1, *[1] * (values.ndim - 1))
         times = model.retardation * (damping / np.sqrt(stiffness))[:, None]
-        return model._replace(retardation=times, **scaled)
+        weights = model.relaxation_weight * damping[:, None, None]
+        return model._replace(retardation=times, relaxation_weight=weights, **scaled)
 
     def added(self, loads: Loads, group: FeatherGroup, start: float, end: float) -> Loads:
         """Loads with what gravity adds from start to end (s)."""

@@ -40,7 +40,8 @@ def energy_of(model: Model, state: State, gravity: Array) -> Energy:
     elastic = 0.0
     for f in range(model.feathers):
         strains = state.strains.at(f, 0)
-        elastic += energy_kernels.elastic_energy(model, f, strains, strains, state.gaps_of(f), 0.0)
+        gaps = state.gaps_of(f)
+        elastic += energy_kernels.elastic_energy(model, f, strains, strains, gaps, 0.0, 0.0)
     return Energy(0.5 * float(moving + turning), elastic, -float(fallen))
 
 

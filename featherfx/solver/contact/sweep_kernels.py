@@ -96,6 +96,7 @@ def _with_matrix(work, kept, f):
         jacobian=work.jacobian,
         beam=work.beam,
         gaps=work.gaps,
+        history=work.history,
         closing=work.closing,
     )
 

@@ -176,7 +176,7 @@ def assemble(model, loads, f, fraction, factors, wanted, shift, work):
     system.right[:] = 0.0
     _add_nodes(model, loads, f, fraction, factors, shift, work)
     if model.joints.shape[3] > 0:
-        _add_vane(model, f, model.retardation[f, 1] * factors.strain_rate, wanted, work)
+        _add_vane(model, f, factors.vane_damping, wanted, work)
     rotary, directors, target = model.rotary_inertia[f], pose.points.directors, work.around.target
     for i in range(rows):
         at, inertia = i * row_size, factors.inertia
@@ -190,7 +190,7 @@ def assemble(model, loads, f, fraction, factors, wanted, shift, work):
             shifted = (1.0 + shift) * inertia
             add_director_stiffness(i, rotary, shifted, directors, at + 3, system.band)
     for i in range(rows - 1):
-        damping, reference = model.retardation[f, 0] * factors.strain_rate, strains.rachis[i]
+        damping, reference = factors.rachis_damping, strains.rachis[i]
         _subtract_rachis_forces(model, f, i, damping, pose, reference, work.beam, system.right)
         if wanted != FORCES_ONLY:
             _add_rachis_stiffness(model, f, i, damping, wanted, pose, work.beam, system.band)

@@ -2,16 +2,16 @@
 
 Every strain s has a stiffness k and, where the material is damped, a reference s_r:
 
-    W = sum 1/2 k s^2 + 1/2 k q (s - s_r)^2,      q = retardation time * rate of the integrator
+    W = sum 1/2 k s^2 + 1/2 k q (s - s_r)^2
 
-(Kelvin-Voigt; s measured from rest). Those of a hinge are angles, of which the elastic part knows
-the fold alone, and their energy is multiplied by the square of its openness (vane_bending_kernels).
-The rest is in node_kernels, contact_kernels and row_kernels.
+(relaxation_kernels; s measured from rest). Those of a hinge are angles, of which the elastic part
+knows the fold alone, and their energy is multiplied by the square of its openness
+(vane_bending_kernels). The rest is in node_kernels, contact_kernels and row_kernels.
 
 Energy of a feather that is left alone: no step may end with more of it than it began with.
 
     E = T + U,    T = 1/2 sum m |v - d|^2 + 1/2 sum m_a (n.v)^2,
-    U = elastic + gravity, grips and dead loads
+    U = elastic, springs of the dashpots included + gravity, grips and dead loads
 
 m_a the added mass (air_kernels), v velocities, d that of the root. The root moves evenly or not at
 all, so that it does no work in its own frame; heights are measured from it. Where E grows over a
@@ -53,7 +53,8 @@ from featherfx.mechanics.vane_hook_kernels import (
     twist_hold,
 )
 from featherfx.solver.step.integrator_kernels import DIRECTOR_POINTS, NODE_POINTS, motion_of
-from featherfx.solver.step.strain_kernels import strains_of
+from featherfx.solver.step.relaxation_kernels import difference_rate
+from featherfx.solver.step.strain_kernels import strains_at
 
 
 @kernel
@@ -129,14 +130,12 @@ def _cell_energy(model, f, cell, before, gaps, damping, held):
 
 
 @shared_kernel(float)
-def elastic_energy(model, f, strains, reference, gaps, strain_rate):
-    """Elastic energy, with the dissipation of the step and what slips in it, of Strains (J).
+def elastic_energy(model, f, strains, reference, gaps, rachis, vane):
+    """Elastic energy, with that of damping and what slips in the step, of Strains (J).
 
-    reference: Strains. gaps: at the step's start. strain_rate: 1/s, of the integrator; 0 for
-    the elastic energy alone.
+    reference: Strains. gaps: at the step's start. rachis, vane: their damping, 0 for the elastic
+    energy alone.
     """
-    rachis = model.retardation[f, 0] * strain_rate
-    vane = model.retardation[f, 1] * strain_rate
     held = all_hold(model, f, strains.cell, gaps)
     return (
         _quadratic(strains.rachis, reference.rachis, model.rachis_stiffness[f], rachis)
@@ -150,42 +149,45 @@ def elastic_energy(model, f, strains, reference, gaps, strain_rate):
 
 
 @kernel
-def _lag(strain, reference, stiffness):
-    """sum k (s - s_r)^2 of all strains of one kind, arrays of one shape."""
-    s, before, k = strain.flat, reference.flat, stiffness.flat
-    total = 0.0
-    for a in range(stiffness.size):
-        rate = s[a] - before[a]
-        total += k[a] * rate * rate
-    return total
+def viscous_energy(model, f, now, history, gaps, h):
+    """Energy of the springs of the dashpots, 1/2 sum g k (s - v)^2, or, with a time h (s) above 0,
+    the energy that the dashpots take in it, J.
 
-
-@kernel
-def _cell_lag(cell, before, stiffness, hooked):
-    """As _lag, of a membrane of which a part is hooked: (2, n-1, m, 2)."""
-    s, reference, k, part = cell.flat, before.flat, stiffness.flat, hooked.flat
-    total = 0.0
-    for a in range(hooked.size):
-        across, shear = s[2 * a] - reference[2 * a], s[2 * a + 1] - reference[2 * a + 1]
-        total += part[a] * (k[2 * a] * across * across + k[2 * a + 1] * shear * shear)
-    return total
-
-
-@kernel
-def damped_energy(model, f, strains, reference, gaps, strain_rate, h):
-    """Return the energy that damping takes in a step of h (s) that ends at strains, J: h sum k tau
-    (ds/dt)^2.
-
-    strain_rate: of the integrator, ds/dt = strain_rate (s - s_r). Others as elastic_energy.
+    now: Strains. history: of a state, of feather f. gaps: as in elastic_energy.
     """
-    held = all_hold(model, f, strains.cell, gaps)
-    bending = _bending_energy(model, f, strains, reference, gaps, 2.0, held)
-    bending -= _bending_energy(model, f, strains, reference, gaps, 0.0, held)
-    vane = _lag(strains.barb, reference.barb, model.barb_stiffness[f]) + bending
-    vane += _cell_lag(strains.cell, reference.cell, model.cell_stiffness[f], gaps.hooked)
-    rachis = _lag(strains.rachis, reference.rachis, model.rachis_stiffness[f])
+    total = 0.0
+    for i in range(model.relaxation_time.shape[2]):
+        rachis, vane = model.relaxation_weight[f, 0, i], model.relaxation_weight[f, 1, i]
+        if h > 0.0:
+            rachis *= 2.0 * h / model.relaxation_time[f, 0, i]
+            vane *= 2.0 * h / model.relaxation_time[f, 1, i]
+        total += _damping_energy(model, f, now, strains_at(history, 2 + i), gaps, rachis, vane)
+    return total
+
+
+@kernel
+def _damping_energy(model, f, now, reference, gaps, rachis, vane):
+    """1/2 sum k q (s - s_r)^2, J, with q of the rachis and the vane; others as elastic_energy."""
+    if rachis == 0.0 and vane == 0.0:
+        return 0.0
+    whole = elastic_energy(model, f, now, reference, gaps, rachis, vane)
+    return whole - elastic_energy(model, f, now, now, gaps, 0.0, 0.0)
+
+
+@kernel
+def damped_energy(model, f, now, reference, history, gaps, steps):
+    """Return the energy that damping takes in a step at the rate of its end, J.
+
+    now, reference: Strains. history: of a state, its dashpots at the end. steps: (h, before) of
+    damping_over.
+    """
+    h, before = steps
+    rate = difference_rate(h, before)
     times = model.retardation[f]
-    return h * strain_rate * strain_rate * (times[0] * rachis + times[1] * vane)
+    own = 2.0 * h * rate * rate
+    return _damping_energy(
+        model, f, now, reference, gaps, own * times[0], own * times[1]
+    ) + viscous_energy(model, f, now, history, gaps, h)
 
 
 @kernel
@@ -196,7 +198,15 @@ def step_energy(model, loads, f, fraction, factors, pose, around):
     """
     nodes, directors = pose.points.nodes, pose.points.directors
     return (
-        elastic_energy(model, f, pose.strains, around.reference, around.gaps, factors.strain_rate)
+        elastic_energy(
+            model,
+            f,
+            pose.strains,
+            around.reference,
+            around.gaps,
+            factors.rachis_damping,
+            factors.vane_damping,
+        )
         + grip_energy(loads, f, fraction, nodes)
         + dead_energy(loads, f, fraction, nodes)
         + contact_energy(loads.contacts, f, fraction, nodes)
@@ -283,9 +293,10 @@ def is_isolated(model, loads, f, path, duration):
 
 
 @kernel
-def _potential(model, loads, f, points, strains, gaps):
+def _potential(model, loads, f, points, strains, history, gaps):
     """(U, scale of its rounding) of feather f, J, with its root at points[0, 0]."""
-    elastic = elastic_energy(model, f, strains, strains, gaps, 0.0)
+    elastic = elastic_energy(model, f, strains, strains, gaps, 0.0, 0.0)
+    elastic += viscous_energy(model, f, strains, history, gaps, 0.0)
     fall, size = 0.0, 0.0
     for i in range(points.shape[0]):
         for p in range(points.shape[1]):
@@ -330,8 +341,8 @@ def _kinetic(mass, velocity, drift):
 def _state_energy(model, loads, f, drift, state, around):
     """T + U of feather f of a state, J. drift: (x, y, z) m/s, d."""
     velocity, nodes = state.velocity, state.points.nodes[f]
-    strains, gaps = strains_of(state.strains, f, 0), gaps_of(state.gaps, f)
-    potential, _ = _potential(model, loads, f, nodes, strains, gaps)
+    history, gaps = strains_at(state.strains, f), gaps_of(state.gaps, f)
+    potential, _ = _potential(model, loads, f, nodes, strains_at(history, 0), history, gaps)
     turning = _kinetic(model.rotary_inertia[f], velocity.directors[f], _NO_DRIFT)
     carried = carried_energy(model, loads, f, nodes, velocity.nodes[f], around)
     return potential + _kinetic(model.mass[f], velocity.nodes[f], drift) + turning + carried
@@ -427,10 +438,12 @@ def solved_energy(model, loads, f, promise, growth, rate, work):
     """(part of the velocities v - d that a solved step may keep, T + U with them in J).
 
     growth: J, what the integrator may give back. rate: of the integrator, v = rate (x - past). The
-    solved step is in work, with its gaps. The part is -1 where U alone is more than there was.
+    solved step is in work, with its gaps and dashpots. The part is -1 where U alone is more than
+    there was.
     """
     points, past, rotary = work.now.points, work.around.past, model.rotary_inertia[f]
-    potential, size = _potential(model, loads, f, points.nodes, work.now.strains, work.gaps)
+    strains, history = work.now.strains, work.history
+    potential, size = _potential(model, loads, f, points.nodes, strains, history, work.gaps)
     kinetic = _solved_kinetic(model.mass[f], rate, points.nodes, past.nodes, promise.drift)
     kinetic += _solved_kinetic(rotary, rate, points.directors, past.directors, _NO_DRIFT)
     if carries_air(loads, f):

@@ -65,6 +65,11 @@ from featherfx.solver.step.pose_kernels import (
     root_at,
     rotate_by,
 )
+from featherfx.solver.step.relaxation_kernels import (
+    damping_over,
+    relax_strains,
+    set_reference_strains,
+)
 from featherfx.solver.step.start_kernels import start_acceleration
 from featherfx.solver.step.step_control_kernels import (
     EXTRAPOLATE,
@@ -88,9 +93,7 @@ from featherfx.solver.step.step_control_kernels import (
 )
 from featherfx.solver.step.strain_kernels import (
     copy_strains,
-    difference_weights,
-    set_reference_strains,
-    strains_of,
+    strains_at,
 )
 from featherfx.solver.types import IntegratorFactors
 
@@ -173,10 +176,10 @@ def _place(model, f, path, attempt, state, work):
 
 
 @kernel
-def _weights(h, radius, before):
-    """Return the weights of the strains' difference: that over two steps may put energy into
+def _step_before(radius, before):
+    """Return the step before for the strains' difference: that over two steps may put energy into
     strains that relax within a step."""
-    return difference_weights(h, 0.0 if radius == EULER else before)
+    return 0.0 if radius == EULER else before
 
 
 @kernel
@@ -184,9 +187,9 @@ def _predict(model, loads, f, path, attempt, state, work):
     """Set up a step: pose work.now, surroundings; returns the factors of the integrator."""
     now, around, h, radius = work.now, work.around, attempt.h, attempt.spectral_radius
     begin_points(radius, h, state, f, around)
-    weights = _weights(h, radius, state.step[f])
-    last, before = strains_of(state.strains, f, 0), strains_of(state.strains, f, 1)
-    set_reference_strains(weights, last, before, around.reference)
+    steps = h, _step_before(radius, state.step[f])
+    set_reference_strains(model, f, steps, strains_at(state.strains, f), around.reference)
+    copy_values(state.strains.hinge[f, 0], around.angles)
     copy_gaps(gaps_of(state.gaps, f), around.gaps)
     _place(model, f, path, attempt, state, work)
     method = integrator_of(radius, h)
@@ -194,7 +197,11 @@ def _predict(model, loads, f, path, attempt, state, work):
         place_points(model, f, now)
         motion, span = motion_of(state, f, NODE_POINTS), (state.time[f] + h, h, method.rate)
         blow_step(motion, now.points.nodes, span, loads, f, model, around)
-    return IntegratorFactors(method.inertia, method.rate, weights[2] / h)
+    rachis, vane = (
+        damping_over(model, f, 0, h, steps[1]),
+        damping_over(model, f, 1, h, steps[1]),
+    )
+    return IntegratorFactors(method.inertia, method.rate, rachis, vane)
 
 
 @kernel
@@ -297,6 +304,7 @@ def _attempt_step(model, loads, f, path, attempt, state, settings, work):
         growth = 0.0
         if radius != EULER and excess <= min(settings.tolerance, settings.coarse):
             growth = max(0.0, attempt.promise.most - attempt.promise.energy)
+        relax_strains(model, f, h, now.strains, strains_at(state.strains, f), work.history)
         keeps, energy = solved_energy(model, loads, f, attempt.promise, growth, factors.rate, work)
         status = GREW if keeps < 0.0 else status
     pace = solved.pace if status == CONVERGED else UNKNOWN_CONVERGENCE
@@ -313,17 +321,19 @@ def _accept(model, f, attempt, state, work):
     """
     now, around, h = work.now, work.around, attempt.h
     released = weaken_gaps(model, f, now.strains.cell, around.gaps, work.gaps)
+    history = strains_at(state.strains, f)
+    relax_strains(model, f, h, now.strains, history, history)
     if not never_slip(around.gaps):
-        rate = _weights(h, attempt.spectral_radius, state.step[f])[2] / h
+        steps = h, _step_before(attempt.spectral_radius, state.step[f])
         work.gaps.spent[DAMPED_ENERGY] += damped_energy(
-            model, f, now.strains, around.reference, around.gaps, rate, h
+            model, f, now.strains, around.reference, history, around.gaps, steps
         )
     copy_gaps(work.gaps, gaps_of(state.gaps, f))
     end_points(attempt.spectral_radius, h, state, f, now.points, around)
     copy_values(state.spin[f], work.spin)
     copy_values(state.coefficient_rate[f], work.coefficient_rate)
     _keep_rates(f, h, now, state)
-    copy_strains(strains_of(state.strains, f, 0), strains_of(state.strains, f, 1))
+    copy_strains(strains_at(history, 0), strains_at(history, 1))
     keep_pose(f, now, state)
     state.step[f] = h
     state.time[f] += h

@@ -1,14 +1,14 @@
-"""Natural frequencies about the rest shape, and the damping times that follow from them."""
+"""Natural frequencies about the rest shape, and the vibrations of damped modes."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.groom.types import FeatherKind
 from featherfx.jit.compiled import KernelModule
 from featherfx.mechanics.model import Loads, Model, no_loads
-from featherfx.phases import counted
 from featherfx.solver.scratch import SolverScratch, make_scratch
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.types import STABILISING_STIFFNESS, IntegratorFactors, panel_shape
@@ -27,6 +27,8 @@ _STIFFNESSES = (
 
 # unknowns up to which all modes are found at once; the Krylov space of few unknowns breaks down
 _MAX_DENSE_UNKNOWNS = 120
+# of a damped mode, whose frequency each brings nearer by about the loss factor
+_MAX_MODE_ITERATIONS = 50
 
 
 def rest_bands(model: Model, feather: int, air_density: float = 0.0) -> tuple[Array, Array]:
@@ -53,7 +55,7 @@ def rest_bands(model: Model, feather: int, air_density: float = 0.0) -> tuple[Ar
 
 def _band(model: Model, loads: Loads, inertia: float, state: State, work: SolverScratch) -> Array:
     """Stiffness plus inertia (1/s^2) times mass of the pose of a model's only feather."""
-    f, factors, now = 0, IntegratorFactors(inertia, 0.0, 0.0), work.now
+    f, factors, now = 0, IntegratorFactors(inertia, 0.0), work.now
     pose_kernels.load_pose(model, f, state, now)
     newton_kernels.evaluate(model, loads, f, 0.0, factors, now, work.around)
     assembly_kernels.assemble(model, loads, f, 0.0, factors, STABILISING_STIFFNESS, 0.0, work)
@@ -78,23 +80,41 @@ def frequencies(model: Model, feather: int, count: int, air_density: float = 0.0
     return natural_modes(model, feather, count, air_density)[0]
 
 
-def decrements(model: Model, feather: int, count: int, air_density: float = 0.0) -> Array:
-    """(count,) logarithmic decrements of the lowest modes, by their damping alone.
+class DampedModes(NamedTuple):
+    """Damped vibrations of the lowest modes. frequencies: (count,) Hz. decrements: (count,)
+    logarithmic decrements, of the loss of materials alone; infinite where a mode does not swing."""
 
-    A mode u of angular frequency w has the loss factor w sum(t u.K u) / u.K u over the rachis and
-    the vane, K stiffness and t retardation of each; half of it is z, and the decrement is
-    2 pi z / (1 - z^2)^(1/2), infinite where the mode does not swing.
+    frequencies: Array
+    decrements: Array
+
+
+def damped_modes(model: Model, feather: int, count: int, air_density: float = 0.0) -> DampedModes:
+    """Vibrations exp(p t) of the lowest modes of one held feather.
+
+    Of a mode u of angular frequency w at rest, with K the stiffness of each part,
+
+        p^2 + w^2 (1 + t p + sum_i g_i p t_i / (1 + p t_i)) = 0
+
+    with t and g_i the means of rachis and vane, weighed by u.K u; shapes are those at rest. The
+    frequency is |p| / 2 pi.
     """
     found, shapes = natural_modes(model, feather, count, air_density)
-    rest, own = model.only(feather), model.retardation[feather]
+    rest = model.only(feather)
     vane = {name: np.zeros_like(getattr(rest, name)) for name in _STIFFNESSES[1:]}
     whole, rachis = (_sparse(rest_bands(each, 0)[0]) for each in (rest, rest._replace(**vane)))
-    lost = own[1] * whole + (own[0] - own[1]) * rachis
-    loss = [u @ (lost @ u) / (u @ (whole @ u)) for u in shapes.T]
-    half = np.pi * found * np.array(loss)
-    swinging = half < 1.0
-    root = np.sqrt(1.0 - np.where(swinging, half, 0.0) ** 2)
-    return np.where(swinging, 2.0 * np.pi * half / root, np.inf)
+    share = np.array([(u @ (rachis @ u)) / (u @ (whole @ u)) for u in shapes.T])
+    times, weights = rest.relaxation_time[0], rest.relaxation_weight[0]
+    parts, square = np.stack([share, 1.0 - share], axis=1), (2.0 * np.pi * found) ** 2
+    half = 0.5 * square * (parts @ rest.retardation[0])
+    p = 2j * np.pi * found
+    for _ in range(_MAX_MODE_ITERATIONS if times.size else 1):
+        turn = p[:, None, None] * times
+        stiffer = (parts * (weights * turn / (1.0 + turn)).sum(axis=2)).sum(axis=1)
+        p = np.sqrt(half**2 - square * (1.0 + stiffer)) - half
+    swings = p.imag > 0.0
+    period = np.where(swings, p.imag, 1.0)
+    decrement = np.where(swings, 2.0 * np.pi * np.abs(p.real) / period, np.inf)
+    return DampedModes(np.abs(p) / (2.0 * np.pi), decrement)
 
 
 def natural_modes(
@@ -126,23 +146,3 @@ def _sparse(band: Array):
     offsets = [-d for d in range(len(lower))]
     upper = lower[1:]
     return diags_array(lower + upper, offsets=offsets + [-o for o in offsets[1:]]).tocsc()
-
-
-def with_damping(model: Model, kinds: list[FeatherKind]) -> Model:
-    """The model with Kelvin-Voigt times: loss factor over the feather's first frequency.
-
-    A vibration at the first frequency then loses 2 pi times the loss factor of its energy per
-    period (logarithmic decrement pi times the loss factor); slower ones less, faster ones more.
-    """
-    retardation = np.zeros((model.feathers, 2))
-    known: dict[bytes, float] = {}
-    for f, kind in enumerate(counted("building", kinds, len(kinds))):
-        loss = (kind.rachis_material.loss_factor, kind.vane_material.loss_factor)
-        if max(loss) == 0.0:
-            continue
-        # of each alone, whoever else is there; rounded, so that of a mirror image it is the same
-        key = b"".join(each.tobytes() for each in model.only(f).arrays().values())
-        if key not in known:
-            known[key] = float(f"{first_frequency(model, f):.5e}")
-        retardation[f] = np.array(loss) / known[key]
-    return model._replace(retardation=retardation)

@@ -184,7 +184,7 @@ def largest_move(before, after, arm):
 @shared_kernel(float)
 def evaluate(model, loads, f, fraction, factors, pose, around):
     """Points and strains of a pose from its coordinates, and its energy (J)."""
-    complete_pose(model, f, pose, around.reference)
+    complete_pose(model, f, pose, around.angles)
     return step_energy(model, loads, f, fraction, factors, pose, around)
 
 

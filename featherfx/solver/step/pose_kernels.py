@@ -117,11 +117,11 @@ def load_pose(model, f, state, pose):
 
 
 @kernel
-def complete_pose(model, f, pose, reference):
-    """Points and strains of a pose from its coordinates; reference: Strains (feather_strains)."""
+def complete_pose(model, f, pose, angles):
+    """Points and strains of a pose from its coordinates; angles: of feather_strains."""
     place_points(model, f, pose)
     _rachis_strains(model.length[f], pose)
-    feather_strains(model, f, pose, reference)
+    feather_strains(model, f, pose, angles)
 
 
 @kernel

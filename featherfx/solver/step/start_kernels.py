@@ -6,6 +6,7 @@ from typing import NamedTuple
 from featherfx.algebra.vector_kernels import (
     add,
     conjugate,
+    copy_values,
     dot,
     multiply,
     rotate,
@@ -26,8 +27,13 @@ from featherfx.solver.step.newton_kernels import (
     minimise,
 )
 from featherfx.solver.step.pose_kernels import load_pose, root_at
+from featherfx.solver.step.relaxation_kernels import (
+    damping_over,
+    relax_fully,
+    set_reference_strains,
+)
 from featherfx.solver.step.step_control_kernels import min_step_length
-from featherfx.solver.step.strain_kernels import copy_strains, strains_of
+from featherfx.solver.step.strain_kernels import copy_strains, strains_at
 from featherfx.solver.types import IntegratorFactors
 
 # Newton iterations that a first acceleration gets: the second one only corrects for the curved
@@ -47,7 +53,8 @@ class StartInterval(NamedTuple):
 @shared_kernel(None)
 def start_acceleration(model, loads, f, path, settings, state, work):
     """Set the strains of feather f, in place, to those of its pose, and the accelerations to those
-    that pose and velocity give; and the proposal, the length of the first step.
+    that pose and velocity give; and the proposal, the length of the first step. A feather at rest
+    has rested for long: its dashpots hold nothing.
 
     One implicit Euler step over its length h, a = (x - x0 - h v0) / h^2, which is then taken
     back. Damping and air take part: without them a relaxing material would first be thrown, and a
@@ -69,12 +76,15 @@ def start_acceleration(model, loads, f, path, settings, state, work):
     limit = min(_MAX_START_ITERATIONS, settings.iterations)
     floor = min_step_length(settings, 0.0, 0, settings.most_iterations, 0.0)
     h = given if 0.0 < given < duration else duration
-    before = strains_of(state.strains, f, 0)
+    history = strains_at(state.strains, f)
+    before = strains_at(history, 0)
     copy_gaps(gaps_of(state.gaps, f), work.around.gaps)
     load_pose(model, f, state, work.now)
-    copy_strains(before, work.around.reference)
-    evaluate(model, loads, f, 0.0, _factors(h), work.now, work.around)
+    copy_values(before.hinge, work.around.angles)
+    evaluate(model, loads, f, 0.0, IntegratorFactors(0.0, 0.0, 0.0, 0.0), work.now, work.around)
     copy_strains(work.now.strains, before)
+    if not _moves(points_of(state.velocity, f)):
+        relax_fully(history)
     accepted, finer = points_of(state.acceleration, f), points_of(state.smoothed, f)
     _accelerate(model, loads, f, path, StartInterval(h, h / duration, limit), state, work, accepted)
     while 0.5 * h > floor:
@@ -92,18 +102,12 @@ def start_acceleration(model, loads, f, path, settings, state, work):
 
 
 @kernel
-def _factors(h):
-    """Return the factors of an implicit Euler step of h (s)."""
-    return IntegratorFactors(1.0 / (h * h), 1.0 / h, 1.0 / h)
-
-
-@kernel
 def _accelerate(model, loads, f, path, span, state, work, to):
     """Accelerations of feather f over a StartInterval, to rates."""
     now, around, h = work.now, work.around, span.length
     points, velocity = points_of(state.points, f), points_of(state.velocity, f)
     copy_points(points, around.target)
-    copy_strains(strains_of(state.strains, f, 0), around.reference)
+    set_reference_strains(model, f, (h, 0.0), strains_at(state.strains, f), around.reference)
     load_pose(model, f, state, now)
     if model.held[f] and _moves(velocity) and _goes(path.samples[f]):
         _carry_along(path, f, span.fraction, work.trial.rotation[0], now)
@@ -117,7 +121,9 @@ def _accelerate(model, loads, f, path, span, state, work, to):
         blow_step(motion, now.points.nodes, times, loads, f, model, around)
     copy_points(points, around.past)
     goal = NewtonGoal(0.0, span.limit, UNKNOWN_CONVERGENCE, True)
-    minimise(model, loads, f, 0.0, _factors(h), goal, work)
+    rachis, vane = damping_over(model, f, 0, h, 0.0), damping_over(model, f, 1, h, 0.0)
+    factors = IntegratorFactors(1.0 / (h * h), 1.0 / h, rachis, vane)
+    minimise(model, loads, f, 0.0, factors, goal, work)
     _rates_of(now.points, around.target, h * h, to)
 
 

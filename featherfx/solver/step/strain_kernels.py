@@ -1,4 +1,4 @@
-"""The strains of a feather, all measured from rest: found from a pose, kept, and differenced."""
+"""The strains of a feather, all measured from rest: from a pose, and those of a state."""
 
 from __future__ import annotations
 
@@ -15,15 +15,21 @@ from featherfx.solver.types import Strains
 
 
 @kernel
-def strains_of(strains, f, step):
-    """Strains of feather f of a state's: after the last step (0) or the one before (1)."""
+def strains_of(strains, f, index):
+    """Strains of feather f of a state: after the last step (0), the one before (1), or dashpots."""
+    return strains_at(strains_at(strains, f), index)
+
+
+@kernel
+def strains_at(strains, index):
+    """Strains at an index of the first axis of all arrays, the same memory."""
     return Strains(
-        strains.rachis[f, step],
-        strains.barb[f, step],
-        strains.cell[f, step],
-        strains.hinge[f, step],
-        strains.twist[f, step],
-        strains.openness[f, step],
+        strains.rachis[index],
+        strains.barb[index],
+        strains.cell[index],
+        strains.hinge[index],
+        strains.twist[index],
+        strains.openness[index],
     )
 
 
@@ -39,41 +45,11 @@ def copy_strains(source, target):
 
 
 @kernel
-def difference_weights(h, before):
-    """(a, b, c) of the backward difference c / h (s - (a s_0 - b s_1) / c) at the end of a step.
-
-    h, before: s, of the step and the one before, 0 for the one-step difference.
-    """
-    if before <= 0.0:
-        return 1.0, 0.0, 1.0
-    r = h / before
-    return 1.0 + r, r * r / (1.0 + r), (1.0 + 2.0 * r) / (1.0 + r)
-
-
-@kernel
-def set_reference(weights, last, before, reference):
-    """reference = (a last - b before) / c, of arrays; weights: of difference_weights."""
-    now, past, out = last.flat, before.flat, reference.flat
-    for s in range(reference.size):
-        out[s] = (weights[0] * now[s] - weights[1] * past[s]) / weights[2]
-
-
-@kernel
-def set_reference_strains(weights, last, before, reference):
-    """As set_reference, of all strains that resist their rate."""
-    set_reference(weights, last.rachis, before.rachis, reference.rachis)
-    set_reference(weights, last.barb, before.barb, reference.barb)
-    set_reference(weights, last.cell, before.cell, reference.cell)
-    set_reference(weights, last.hinge, before.hinge, reference.hinge)
-    set_reference(weights, last.twist, before.twist, reference.twist)
-
-
-@kernel
-def feather_strains(model, f, pose, reference):
+def feather_strains(model, f, pose, angles):
     """All strains of feather f's pose, from its points, coefficients and rachis, in place.
 
-    reference: Strains of before; dihedral angles are those within half a turn of them, so that a
-    fold that closes completely and goes on has no jump.
+    angles: (2, n, m) rad, of the hinges before; dihedral angles are those within half a turn of
+    them, so that a fold that closes completely and goes on has no jump.
     """
     strains = pose.strains
     for i in range(pose.rachis.shape[0]):
@@ -81,7 +57,7 @@ def feather_strains(model, f, pose, reference):
             strains.rachis[i, k] = pose.rachis[i, k] - model.rachis_rest[f, i, k]
     copy_values(pose.coefficient, strains.barb)
     cell_strains(model, f, pose.points.nodes, strains.cell)
-    _hinge_strains(model, f, pose.points.nodes, reference.hinge, strains)
+    _hinge_strains(model, f, pose.points.nodes, angles, strains)
     _twist_strains(model, f, pose.points.nodes, strains.twist)
 
 
