@@ -27,6 +27,7 @@ from featherfx.solver.step.modes import first_frequency
 
 Array = NDArray[np.float64]
 
+# springs with dashpots beside the spring at rest
 BRANCHES = 4
 # decades beyond the band's ends at which the first and the last time lie: with it 0.1 from 1 to
 # 200 Hz is met to 3 %, with 0 to 5 %, with 0.2 to 4 %

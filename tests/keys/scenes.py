@@ -192,6 +192,7 @@ FEATHER_KEYS = tuple(
     )
 )
 
+LOSS = {"loss_band": [1, 200], "reference_frequency": 20}
 SCENES = {
     "drawn pose": Scene(
         groom(drawn_pose="equilibrium", gravity=[0, 0, -9.81]),
@@ -229,6 +230,21 @@ SCENES = {
             ".splits",
             ".barb_spacing",
             ".overrides.barbs",
+            ".loss_band",
+            ".reference_frequency",
+        ),
+    ),
+    "loss band": Scene(
+        groom(
+            feather=[
+                FEATHER | {"overrides": {"vane_material": LOSS, "rachis_material": LOSS}},
+            ]
+        ),
+        shot(grip=[PULL]),
+        tuple(
+            f"groom.feather.0.overrides.{part}_material.{key}"
+            for part in ("vane", "rachis")
+            for key in ("loss_band", "reference_frequency")
         ),
     ),
     "barbs": Scene(
