@@ -10,7 +10,6 @@ from featherfx.lab.ribbons.rod import (
     Rod,
     bend,
     clamped,
-    damped,
     release,
     rod_loads,
     rod_model,
@@ -115,24 +114,6 @@ def test_second_order_in_time(radius):
     errors = np.array([np.abs(end(n) - reference).max() for n in (80, 160, 320)])
     orders = np.log2(errors[:-1] / errors[1:])
     assert (orders > 1.8).all(), f"errors {errors}, orders {orders}"
-
-
-@pytest.mark.parametrize(("loss", "taper"), [(0.02, 0.6), (0.1, 0.0)])
-def test_logarithmic_decrement_is_pi_times_the_loss_factor(loss, taper):
-    rod = Rod(0.3, ei=2e-3, line_mass=0.01, taper=taper, segments=20)
-    model, start = plucked(rod, (0.0, 0.0, 1.0), 1e-3)
-    model = damped(model, loss)
-    period = 2.0 * np.pi / first_frequency(model, 0)
-    states = run(fixed(model, 0.8), start, no_loads(1), period / 200.0, 200 * 6)
-    height = np.array([state.centre[0, -1, 2] for state in states])
-    inner = height[1:-1]
-    peak = np.flatnonzero((inner > height[:-2]) & (inner >= height[2:])) + 1
-    # parabola through a peak and its neighbours
-    low, top, high = height[peak - 1], height[peak], height[peak + 1]
-    top = top + (high - low) ** 2 / (8.0 * (2.0 * top - low - high))
-    decrements = -np.diff(np.log(top))
-    assert len(decrements) >= 4
-    assert decrements == pytest.approx(np.pi * loss, rel=0.05)
 
 
 def energies(radius, steps_per_period, periods):
