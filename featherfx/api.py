@@ -133,6 +133,9 @@ def simulate(
 
     require_type("shot", shot, Shot | str | Path, "a Shot, or the path of a shot file")
     whole = read_shot(shot) if isinstance(shot, str | Path) else shot
+    require_type("jobs", jobs, Integral, "a whole number of threads")
+    if jobs < 1:
+        raise InputError(Problem("simulate", "jobs", f"{jobs} is not allowed. Give 1 or more"))
     if frames is not None:
         _refuse_frames(whole, frames)
     if start is not None:

@@ -23,7 +23,7 @@ GENERATED = {"reference.md", "commands.md", "validation.md", "api.md", "peers.md
 # figures with the date of their measurement
 EVIDENCE = {"benchmarks.md", "measurements.md", "skips.md"}
 MAX_WORDS = 40_000  # of all pages
-MAX_SENTENCE, MAX_MEAN_SENTENCE = 40, 18  # words
+MAX_SENTENCE, MAX_MEAN_SENTENCE = 25, 18  # words
 # options of other programs, and joints that a groom makes
 FOREIGN = {"--nworkers", "--nthreads", "right_wing_wrist"}
 WORDS_A_MINUTE = 200

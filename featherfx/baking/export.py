@@ -15,7 +15,7 @@ from featherfx.baking.entries import (
 )
 from featherfx.baking.options import GroomOptions, make_options, takes
 from featherfx.baking.task import in_space
-from featherfx.errors import InputError, Problem, all_of
+from featherfx.errors import InputError, Problem, all_of, require_type
 from featherfx.feather.build import distinct_shapes
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.groom.types import Groom
@@ -115,6 +115,7 @@ def export(
     frames. Of Alembic and these, frames gives the first and last. progress: as of
     featherfx.phases.tells_progress. Raises InputError.
     """
+    require_type("cache", cache, str | Path, "the path of a cache, such as cache.path")
     path = Path(output)
     if path.suffix == ".abc":
         from featherfx.usd.convert.alembic import export_alembic

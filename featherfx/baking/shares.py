@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from numbers import Integral
 from pathlib import Path
 
 from featherfx.baking.frame_loop import cache_tables, new_writer
 from featherfx.baking.task import BakeTask, part_path
-from featherfx.errors import Problem
+from featherfx.errors import InputError, Problem, require_type
 from featherfx.phases import phase
 from featherfx.shot.frames import Frame, sample_number
 from featherfx.usd.convert.merge import join_shares
@@ -31,6 +32,9 @@ def join(output: str | Path, shares: int, overwrite: bool = False) -> int:
     output: name of the whole; the shares stand beside it (featherfx.baking.task.part_path). Raises
     InputError where one is missing or was baked with other settings.
     """
+    require_type("shares", shares, Integral, "a whole number")
+    if shares < 1:
+        raise InputError(Problem(str(output), "shares", f"{shares} is not allowed. Give 1 or more"))
     path = check_output(output, overwrite)
     parts = [part_path(path, (k, shares)) for k in range(1, shares + 1)]
     return join_shares(path, parts, overwrite)

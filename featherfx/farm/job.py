@@ -443,6 +443,10 @@ def bake_many(
             else "shares are cut by the job. Leave feathers out"
         )
         raise InputError(Problem("bake_many", "", what))
+    if workers is not None and workers < 1:
+        raise InputError(
+            Problem("bake_many", "workers", f"{workers} is not allowed. Give 1 or more")
+        )
     report = None if chosen.report is None else Path(chosen.report)
     check_report(report, chosen.overwrite or chosen.resume)
     before = standing(report) if report else None

@@ -74,6 +74,8 @@ def map_keys(keys: Sequence[tuple[float, float]], range_: tuple[float, float]) -
     range_: first and last frame of the cache. Raises InputError for fewer than two keys, new frames
     that do not increase, and old ones outside.
     """
+    if any(len(key) != 2 for key in keys):
+        raise _argument_error("keys", f"are {keys}. Give pairs (new frame, old frame)")
     new, old = ([key[k] for key in keys] for k in (0, 1))
     if len(keys) < 2:
         raise _argument_error("keys", "needs at least two of them, NEW:OLD each")
@@ -167,6 +169,7 @@ def retime(
     """
     if sum(each is not None for each in (speed, keys, loop)) != 1:
         raise InputError(Problem("retime", "", "takes one of speed, keys and loop"))
+    require_type("path", path, str | Path, "the path of a cache, such as cache.path")
     require_type("speed", speed, Real | None, "a number, such as 0.5 for slow motion")
     require_type("loop", loop, Integral | None, "a whole number of frames")
     stage, written = begin_export(path, output, overwrite)
