@@ -30,8 +30,25 @@ def print_bake_notes(result: dict[str, Any]) -> None:
             tell(f"  {change}")
         if len(again["changed"]) > _MAX_CHANGES:
             tell(f"  and {len(again['changed']) - _MAX_CHANGES} more changes")
+    if cut := result.get("variation_cut"):
+        tell(_cut(cut))
     print_warnings(result)
     print_missing_promise(result)
+
+
+def _cut(cut: dict[str, Any]) -> str:
+    """The note of feathers that vary less than their regions ask for."""
+    units = {"tip": ("tips deviate", 1e3, "mm"), "roll": ("vanes roll", 1.0, "degrees")}
+    parts = [
+        f"{what} by {as_figure(factor * cut[key]['median'])} {unit} less at the median,"
+        f" '{cut[key]['feather']}' by {as_figure(factor * cut[key]['worst'])}"
+        for key, (what, factor, unit) in units.items()
+        if key in cut
+    ]
+    return (
+        f"{cut['feathers']} of {cut['coat']} feathers of the coat have no room for their variation:"
+        f" {', '.join(parts)}. Lower the density of their regions for more"
+    )
 
 
 def print_warnings(result: dict[str, Any]) -> None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -38,6 +39,8 @@ _SHORTEST_OF_FAN = 0.75  # of the longest of a tail, feathers that are not its c
 _DEPTH = 0.6
 # of the gap between leaves, that a rachis is high in a vane
 _MAX_HEIGHT = 0.8
+# of its length, and rad, that a feather deviates less than asked without a note
+_MIN_CUT = 0.005
 _MAX_TURN = 60.0  # deg, that a feather turns to those around without a warning
 _FOOTPRINT = 11, 4  # rows and columns on which overlaps are found
 _FEATHERS_AT_ONCE = 2000  # that are drawn, to bound the memory
@@ -269,6 +272,27 @@ def _sew_tails(groom: Groom, points: Array, faces: Indices) -> tuple[Array, Indi
             )
             warnings.warn(message, InputWarning, stacklevel=4)
     return points, faces
+
+
+def measure_cut_variation(groom: Groom) -> dict[str, Any]:
+    """Measure what leaves have no room for of the tilt, curl and roll of a coat's feathers.
+
+    Returns how many `feathers` of the coat deviate less than asked, by `tip` (m) and `roll` (deg):
+    median and worst of these, and which is worst. An empty dict where none does.
+    """
+    if groom.coat is None:
+        return {}
+    cut = groom.coat.report.cut
+    names = {each.leaf.number: each.id for each in groom.feathers if each.leaf is not None}
+    length = groom.coat.coat.follicles.length
+    lower, less = cut[:, 0] > _MIN_CUT * length, cut[:, 1] > _MIN_CUT
+    found: dict[str, Any] = {"feathers": int((lower | less).sum()), "coat": len(cut)}
+    for name, each, own in (("tip", cut[:, 0], lower), ("roll", np.degrees(cut[:, 1]), less)):
+        if own.any():
+            worst = int(each.argmax())
+            found[name] = {"median": float(np.median(each[own])), "worst": float(each[worst])}
+            found[name]["feather"] = names[worst]
+    return found if found["feathers"] else {}
 
 
 def _describe_turns(laid: LaidCoat, chosen: Sequence[Placement]) -> list[str]:

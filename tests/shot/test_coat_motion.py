@@ -235,7 +235,7 @@ def test_velocities_are_derivatives_of_what_is_drawn():
 def sheet_shot(tmp_path):
     """Write a shot of rigid feathers on a square skin, of which poses gives points a frame."""
 
-    def make(poses, more="", length=0.03):
+    def make(poses, more="", region="length = 0.03"):
         side = np.linspace(0.0, 0.1, 6)
         stage = Usd.Stage.CreateInMemory()
         UsdGeom.SetStageUpAxis(stage, "Z")
@@ -256,7 +256,7 @@ def sheet_shot(tmp_path):
         stage.Export(str(tmp_path / "skin.usda"))
         (tmp_path / "groom.toml").write_text(
             "name = 'g'\n[skin]\nusd = 'skin.usda'\nprim = '/skin'\n[layout]\n[[region]]\n"
-            f"id = 'r'\nkind = 'body_contour'\ncount = 20\nlength = {length}\n"
+            f"id = 'r'\nkind = 'body_contour'\ncount = 20\n{region}\n"
             "flow = { direction = [1, 0, 0] }\n"
         )
         shot = tmp_path / "shot.toml"
@@ -299,7 +299,7 @@ def test_a_channel_rolls_feathers_as_far_as_leaves_leave_room(sheet_shot, length
         shot = sheet_shot(
             lambda points, k: points + np.outer(0.02 * k * points[:, 0], [0.0, 0.0, 1.0]),
             f"[[channel]]\nname = 'turn'\nkeys = [[1, {angle}]]\n",
-            length,
+            f"length = {length}",
         )
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
@@ -351,3 +351,19 @@ def test_feathers_that_channels_raise_stay_in_order(pitch, chosen):
             for up, at in (heights(each, 0.5) for each in (still, found))
         ]
         assert np.median(angles[1] - angles[0]) == pytest.approx(pitch, rel=0.2)
+
+
+@pytest.mark.parametrize(("asked", "length"), [("tilt", 0.03), ("roll", 0.03), ("roll", 0.006)])
+def test_variation_without_room_is_reported(sheet_shot, tmp_path, asked, length):
+    region = f"length = {length}\nvariation = {{ {asked} = 12 }}"
+    shot = sheet_shot(lambda points, k: points, region=region)
+    report = featherfx.bake(shot, tmp_path / "cache.usdc").report["variation_cut"]
+    if length < 0.01:  # feathers that do not overlap
+        assert report == {}
+        return
+    own, name = {"tilt": ("tip", "roll"), "roll": ("roll", "tip")}[asked]
+    assert 10 < report["feathers"] <= report["coat"] == 20
+    assert name not in report
+    assert report[own]["feather"].startswith("r_")
+    asked_most = {"tip": length * np.sin(np.radians(40.0)), "roll": 40.0}[own]
+    assert 0.1 * asked_most < report[own]["median"] < report[own]["worst"] < asked_most
