@@ -14,6 +14,7 @@ from featherfx.algebra.types import Array
 from featherfx.algebra.vectors import dots, unit
 from featherfx.coat.coat import Coat
 from featherfx.coat.leaf_kernels import DOWN_SHARE
+from featherfx.groom.skin.field import search_tree
 from featherfx.groom.skin.skin import closest
 
 # of the height of what lies above, that a coat fills
@@ -31,6 +32,8 @@ def find_ceiling(coat: Coat, above: Array) -> Array:
     found = np.full(len(rest.points), np.inf)
     if not len(above):
         return found
+    away, _ = search_tree(rest.points).query(above)
+    above = above[away < 2.0 * _MAX_HEIGHT * fields.length.max()]
     triangle, place = closest(above, rest.points[faces])
     corners = faces[triangle]
     foot, normal, length = (
