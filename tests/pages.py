@@ -26,7 +26,7 @@ MAX_WORDS = 40_000  # of all pages
 MAX_SENTENCE, MAX_MEAN_SENTENCE = 25, 18  # words
 # options of other programs, and joints that a groom makes
 FOREIGN = {"--nworkers", "--nthreads", "right_wing_wrist"}
-WORDS_A_MINUTE = 200
+WORDS_A_MINUTE, WORDS_AN_IMAGE = 200, 500
 # minutes in which one reads the pages that a task needs, README first
 PATHS = {
     "first feather on my mesh": (5, "first_feather"),
@@ -199,8 +199,9 @@ def faults_of_all(every: list[Page]) -> list[str]:
         if (count := sum(words.get(page, 0) for page in parts[name])) > limit:
             found.append(f"{name}: {count} words, {limit} allowed")
     for page in {page for name in SHOWN for page in parts[name]}:
-        if "](images/" not in texts[page]:
-            found.append(f"{page}: no image of the result")
+        shown, needed = texts[page].count("](images/"), math.ceil(words[page] / WORDS_AN_IMAGE)
+        if shown < needed:
+            found.append(f"{page}: {shown} images of the result, {needed} needed")
     for image in sorted((ROOT / "docs").rglob("*.*")):
         if image.suffix in (".png", ".gif", ".jpg") and image.stat().st_size > MAX_IMAGE:
             found.append(f"{image.name}: {image.stat().st_size} bytes, {MAX_IMAGE} allowed")

@@ -154,7 +154,7 @@ def test_pages_that_take_longer_or_show_nothing_are_noticed():
     every = [replace(page, words=2_000, text="") for page in pages()]
     found = faults_of_all(every)
     assert "farm: 20.0 minutes of reading, 8 allowed" in found
-    assert "farm.md: no image of the result" in found
+    assert "farm.md: 0 images of the result, 4 needed" in found
     assert f"{2_000 * len(every)} words, 40000 allowed" in found
 
 
