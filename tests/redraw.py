@@ -21,7 +21,7 @@ from PIL import Image, ImageSequence
 ROOT = Path(__file__).resolve().parents[1]
 MAX_DIFFERENCE = 2.0  # of 255, mean over all values of an image
 # need Blender, and a page that is picked in; those of production_shot: by tests/test_page_runs.py
-BY_HAND = {"blender.png", "view.png", "traced.jpg"}
+BY_HAND = {"blender.png", "view.png"}
 BY_HAND |= {"body.png", "rest.png", "close.png", "free.png", "flight.png"}
 
 
@@ -48,6 +48,8 @@ def steps_of(text: str) -> list[Step]:
             if "-o" in words[:-1]:
                 output = words[words.index("-o") + 1]
                 writes = (output, *([words[3]] if words[1] == "sample" else []))
+                if "--overlay" in words:
+                    writes += (words[words.index("--overlay") + 1],)
                 found.append(Step(words, writes, comments if inside else 0))
     return found
 

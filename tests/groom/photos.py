@@ -76,4 +76,5 @@ def vignetted(image, share, margin=100):
 if __name__ == "__main__":
     from featherfx.trace.trace import flattened, kind_of_text
 
-    picture(flattened(kind_of_text('base = "swan_primary"\n')), 0.6, noise=3.0)[0].save(sys.argv[1])
+    image, _ = picture(flattened(kind_of_text('base = "swan_primary"\n')), 0.1, noise=3.0)
+    image.save(sys.argv[sys.argv.index("-o") + 1])
