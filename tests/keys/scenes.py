@@ -115,6 +115,8 @@ ROW = {
 # what is placed is seen without simulation
 RIGID = {"detail": [{"level": "rigid"}]}
 HOLD = {"motion": "hold"}
+# keys of motions that say where their figures come from
+SOURCES = (".cites", ".by_eye")
 EDGE = {"usd": "scene.usda", "prim": "/edge"}
 FLIGHT = {"count": 2, "lengths": [0.08, 0.1], "kind": "covert"}
 COVERT = {"name": "greater_covert", "kind": "covert", "length": 0.4, "gap": 0.004}
@@ -469,6 +471,7 @@ SCENES = {
             ".size",
             ".fit",
             ".amount",
+            *(".span_ratio", ".tip_reversal", ".elevation", *SOURCES),
             "joint.0.parent",
             "joint.1.parent",
             "joint.0.role",
@@ -489,7 +492,6 @@ SCENES = {
                 "stroke_amplitude": 60.0,
                 "downstroke": 0.6,
                 "stroke_plane": 20.0,
-                "span_ratio": 0.9,
                 "tip_reversal": 30.0,
                 "turn": 5.0,
                 "elevation": {"mean": 5, "harmonics": [[1, 0]]},
@@ -504,11 +506,10 @@ SCENES = {
         {
             ".wingbeat_frequency": [2.0],
             ".downstroke": [0.4],
-            ".span_ratio": [0.95],
             **{f".{name}": [40.0] for name in ("stroke_amplitude", "stroke_plane", "turn")},
             **{f".{name}": [5.0] for name in ("sweep", "twist", "elbow", "wrist")},
         },
-        (".kind", ".base", ".fit", ".amount", ".size", ".tempo", ".start", ".cites", ".by_eye"),
+        (".kind", ".base", ".fit", ".amount", ".size", ".tempo", ".start", ".span_ratio", *SOURCES),
     ),
     "flap with a clock": Scene(
         WINGED,
@@ -521,7 +522,7 @@ SCENES = {
         shot(motion=SHAKE),
         ("shot.motion", "shot.gravity", "shot.settle", "shot.frames"),
         {"shot.frames": [[1, 3]]},
-        (".base", ".kind", ".fit", ".amount", ".frames_per_second"),
+        (".base", ".kind", ".fit", ".amount", ".frames_per_second", *SOURCES),
     ),
     "keyframes": Scene(
         WINGED,
@@ -565,7 +566,7 @@ SCENES = {
         ),
         ("shot.motion",),
         {".joints": ["", "right_shoulder"]},
-        (".base", ".kind", ".size", ".fit", ".amount"),
+        (".base", ".kind", ".size", ".fit", ".amount", *SOURCES),
     ),
     "act": Scene(
         groom(),
@@ -1010,6 +1011,7 @@ ELSEWHERE = {
     "shot.target.frame": "tests/shot/test_targets.py",
     "shot.level_of_detail": "tests/shot/test_levels.py",
     "motion.cites": "tests/shot/test_wing_beat.py",
+    "motion.span_ratio": "tests/shot/test_wing_beat.py",
     "motion.by_eye": "tests/shot/test_wing_beat.py",
     "motion.fit": "tests/shot/test_motion_fit.py",
     "motion.kind": "tests/shot/test_motion.py",
