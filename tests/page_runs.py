@@ -19,7 +19,7 @@ from pathlib import Path
 from pages import ROOT, sections
 
 # what installs, and what is of other programs
-NOT_RUN = ("python3 -m venv ", "pip ", ".venv/bin/", "openjd ", "PYTHONPATH=", "git ", "time ")
+NOT_RUN = ("python3 -m venv ", "pip ", ".venv/bin/", "openjd ")
 READERS = ("Start", "How-to", "Reference")
 # a shot of twenty feathers whose wings beat twice, under the names that how-to pages use
 SHOTS = ("shot.toml", "a.toml", "b.toml")
@@ -71,13 +71,16 @@ def run(command: str, folder: Path) -> str:
     words = [word.replace("/show/", f"{folder}/show/") for word in shlex.split(command)]
     if "-o" in words and not {"--resume", "--overwrite"} & {*words}:
         (folder / words[words.index("-o") + 1]).unlink(missing_ok=True)
+    path = str(ROOT)
+    if words[0].startswith("PYTHONPATH="):
+        path += f":{words.pop(0).partition('=')[2]}"
     if words[0] in ("featherfx", "python"):
         words[:1] = [sys.executable, *(["-m", "featherfx"] if words[0] == "featherfx" else [])]
     serves = words[3:4] in (["view"], ["tune"]) and "--html" not in words
     process = subprocess.Popen(
         [*words, "--no-browser"] if serves else words,
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(ROOT), "HOME": str(folder / "home")},
+        env={**os.environ, "PYTHONPATH": path, "HOME": str(folder / "home")},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

@@ -5,7 +5,8 @@ A body along y, as long as 2 m, with an elliptic section. Every section is turne
 known exactly. `sampled` writes it as sampled points, Z up, in metres; `skinned` as a skeleton of
 24 joints, three to a point, Y up, in centimetres. Both begin at frame 1001, in mid-beat.
 
-python tests/usdin/creature.py OUT.usda writes the skeleton, as docs/production_shot.md does.
+PYTHONPATH=tests python tests/usdin/creature.py OUT.usda writes the skeleton of
+docs/production_shot.md.
 """
 
 import sys

@@ -15,10 +15,10 @@ PAGE = (ROOT / "docs/production_shot.md").read_text()
 
 def test_files_of_the_page_fit_the_creature(tmp_path):
     """With a thin coat that is not laid over itself, which would take long."""
-    groom, shot = re.findall(r"```toml\n(.*?)```", PAGE, re.S)
+    groom, free, contact, _ = re.findall(r"```toml\n(.*?)```", PAGE, re.S)
     thin = groom.replace("count = 1500", "count = 40")
     (tmp_path / "groom.toml").write_text(thin.replace("[layout]\n", ""))
-    (tmp_path / "shot.toml").write_text(shot)
+    (tmp_path / "shot.toml").write_text(free + contact)
     creature.skinned(tmp_path / "creature.usda")
     with warnings.catch_warnings():
         # such as of roots that are far from the skin
