@@ -228,6 +228,27 @@ def test_errors_of_feathers_that_push_each_other_are_measured(tmp_path, monkeypa
     assert told["error_measured"] is None
 
 
+def test_neighbours_of_two_kinds_are_measured_once(tmp_path, monkeypatch):
+    lines = ['name = "two"']
+    for kind, place in (("covert", "[0, 0, 0]"), ("body_contour", "[0, 0, 0.001]")):
+        lines += ["[[feather]]", f'id = "{kind}"', f'kind = "{kind}"', f"position = {place}"]
+        lines += ["direction = [1, 0, 0]", "up = [0, 0, 1]"]
+    (tmp_path / "g.toml").write_text("\n".join(lines))
+    grid = "simulated_rows = 7, simulated_columns = 3, coefficients = 1"
+    lines = ['name = "two"', 'groom = "g.toml"', "frames = [1, 2]", "[contact]"]
+    lines.insert(3, f'quality = {{ base = "draft", {grid} }}')
+    (tmp_path / "s.toml").write_text("\n".join(lines))
+    runs = []
+    monkeypatch.setattr(
+        contact_error, "simulate_window", lambda *given: runs.append(given) or [1, 1]
+    )
+    monkeypatch.setattr(contact_error, "run_distance", lambda one, other: 0.0)
+    with nothing_kept():
+        found = contact_error.measure_contact_error(read_shot(tmp_path / "s.toml"))
+    assert found["error_measured"] == 0.0
+    assert len(runs) == 3  # as it is, finer in time, finer in space
+
+
 def test_a_bake_takes_an_error_and_reports_it(tmp_path):
     report = tmp_path / "report.json"
     bake(PULL, tmp_path / "p.usdc", frames=(1, 2), report=report)

@@ -127,8 +127,8 @@ def _patches(shot: Shot, options: Sequence[FeatherOptions], bent: Sequence[float
     first: dict[str, int] = {}
     for f in some:
         first.setdefault(placements[f].kind.name, f)
-    patches = [nearest_pushing(shot, options, f) for f in first.values()]
-    return [each for each in patches if len(each) > 1][:_MAX_PATCHES]
+    patches = dict.fromkeys(tuple(nearest_pushing(shot, options, f)) for f in first.values())
+    return [np.array(each) for each in patches if len(each) > 1][:_MAX_PATCHES]
 
 
 def _errors(
