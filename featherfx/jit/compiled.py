@@ -169,7 +169,7 @@ def kernel_entry(name: str) -> KernelEntry:
 def request_expected(*works: str, package: str = "", later: bool = False) -> None:
     """Let workers compile the kernels of a package that some works will call, unless stored.
 
-    works: names in arguments.json, which `featherfx lab measure compiling --write` writes. later:
+    works: names in arguments.json, which `featherfx lab measure calls` writes. later:
     after what is waited for.
     """
     table = json.loads(ARGUMENTS.read_text(encoding="utf-8"))

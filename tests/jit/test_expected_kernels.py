@@ -12,7 +12,7 @@ from featherfx.jit.kernel_calls import TupleKind, describe_arguments, make_argum
 from featherfx.mechanics.model import no_loads
 
 EXPECTED = json.loads(ARGUMENTS.read_text())
-ANEW = "Write them anew: featherfx lab measure compiling --write"
+ANEW = "Write them anew: featherfx lab measure calls"
 SHOTS = {"bake": "swan_wing", "contact": "flapping_bird", "bird": "pigeon"}
 
 

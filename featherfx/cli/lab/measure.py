@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -124,11 +125,7 @@ def measure_kernels() -> None:
 
 @measure.command("compiling", cls=Command)
 @click.argument("shot", type=readable_path(), required=False)
-@click.option(
-    "--write",
-    is_flag=True,
-    help="Write the seconds that progress goes by, and what a bake calls, instead.",
-)
+@click.option("--write", is_flag=True, help="Write the seconds that progress goes by instead.")
 @click.option("--work", type=click.Choice(["layout", *_COMPILED]), hidden=True)
 def measure_compiling(shot: Path | None, write: bool, work: str | None) -> None:
     """Processor seconds of compiling in a first bake, by entry.
@@ -142,17 +139,21 @@ def measure_compiling(shot: Path | None, write: bool, work: str | None) -> None:
         click.echo(program.write_seconds(["layout", *_COMPILED]))
         return
     entries = program.shot_entries(shot or _SAMPLES / "swan_wing/shot.toml")
-    total = program.CompiledEntry(
-        "all", sum(each.lowering for each in entries), sum(each.llvm for each in entries), ""
-    )
+    total = "all", sum(each[1] for each in entries), sum(each[2] for each in entries)
     _table(
         "entry, types and lowering (s), LLVM (s)",
         (
             (name.rpartition(".")[2], f"{front:.2f}", f"{llvm:.2f}")
-            for name, front, llvm, _ in (*entries, total)
+            for name, front, llvm in (*entries, total)
             if front + llvm > 0.1
         ),
     )
+
+
+@measure.command("calls", cls=Command)
+def measure_calls() -> None:
+    """Write which kernels works call, for which types: what a bake compiles ahead."""
+    click.echo(program.write_calls({work: partial(_do, work) for work in _COMPILED}))
 
 
 def _do(work: str) -> None:

@@ -17,10 +17,10 @@ import tempfile
 import threading
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from time import thread_time
-from typing import Any, NamedTuple
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -28,8 +28,10 @@ import numpy as np
 from featherfx.algebra.vector_kernels import copy_values
 from featherfx.api import read_shot
 from featherfx.feather.build import build_feather
+from featherfx.files.disk_cache import nothing_kept
 from featherfx.jit.compile_progress import SECONDS
-from featherfx.jit.compiled import ARGUMENTS, kernel
+from featherfx.jit.compiled import ARGUMENTS, KernelEntry, kernel
+from featherfx.jit.kernel_calls import describe_arguments
 from featherfx.lab.bench.shake import root_paths, swan_primary
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import expand_wind, no_loads
@@ -73,18 +75,33 @@ def package_table(folder: Path) -> Iterator[str]:
         yield f"| {name} | {numbers} | {holds} | {change} |"
 
 
-class CompiledEntry(NamedTuple):
-    """A compiled entry: its seconds of lowering and of LLVM, and where Python calls it, the text
-    of types of its arguments."""
+CompiledEntry = tuple[str, float, float]
 
-    name: str
-    lowering: float
-    llvm: float
-    arguments: str
+
+def write_calls(works: Mapping[str, Callable[[], None]]) -> Path:
+    """Do some works, and write which kernels Python calls in each, and types of their arguments.
+
+    Kernels that take arrays of records are left out: these have no text to make them of.
+    """
+    found: dict[str, dict[str, str]] = {}
+    for work, do in works.items():
+        calls: dict[str, str] = {}
+        call = KernelEntry.__call__
+
+        def listed(self: KernelEntry, *arguments: Any, calls: Any = calls, call: Any = call) -> Any:
+            if self.name not in calls:
+                calls[self.name] = describe_arguments(arguments)
+            return call(self, *arguments)
+
+        with patch.object(KernelEntry, "__call__", listed), nothing_kept():
+            do()
+        found[work] = {name: text for name, text in calls.items() if "[" not in text}
+    ARGUMENTS.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    return ARGUMENTS
 
 
 def measure_entries(work: Callable[[], None]) -> list[CompiledEntry]:
-    """Do a work, and return the entries that it compiled."""
+    """Do a work, and return of each entry compiled its name, seconds of lowering and of LLVM."""
     from numba.core.codegen import JITCodeLibrary
 
     from featherfx.jit import compiler
@@ -101,8 +118,7 @@ def measure_entries(work: Callable[[], None]) -> list[CompiledEntry]:
         passed, (llvm, nested) = time.thread_time() - begin, stack.pop()
         if stack:
             stack[-1][1] += passed
-        text = "" if stack else compiler.describe_types(types)
-        entries.append(CompiledEntry(kernel.name, passed - llvm - nested, llvm, text))
+        entries.append((kernel.name, passed - llvm - nested, llvm))
         return code
 
     def finalize_timed(self: Any) -> None:
@@ -130,13 +146,12 @@ def shot_entries(shot: Path) -> list[CompiledEntry]:
 
     with tempfile.TemporaryDirectory() as folder:
         os.environ |= {"FEATHERFX_CACHE": folder, "FEATHERFX_COMPILERS": "1"}
-        return sorted(measure_entries(work), key=lambda each: -each.lowering - each.llvm)
+        return sorted(measure_entries(work), key=lambda each: -each[1] - each[2])
 
 
 def write_seconds(works: Iterable[str]) -> Path:
-    """Write the files of seconds of compiling, and of what Python calls; each work in its own
-    process."""
-    found, called = {}, {}
+    """Write the file that the progress of compiling goes by; each work in its own process."""
+    found = {}
     for name in works:
         with tempfile.TemporaryDirectory() as folder:
             command = [sys.executable, "-m", "featherfx", "lab", "measure", "compiling"]
@@ -145,16 +160,10 @@ def write_seconds(works: Iterable[str]) -> Path:
                 [*command, "--work", name], env=environment, stdout=subprocess.PIPE, check=True
             )
         seconds: dict[str, float] = {}
-        entries = [CompiledEntry(*each) for each in json.loads(done.stdout)]
-        for entry, front, llvm, _ in entries:
+        for entry, front, llvm in json.loads(done.stdout):
             count = sum(each.partition("#")[0] == entry for each in seconds)
             seconds[f"{entry}#{count + 1}" if count else entry] = round(front + llvm, 2)
         found[name] = seconds
-        # those with arrays of records ("[") are compiled when they are called
-        called[name] = {
-            e.name: e.arguments for e in entries if e.arguments and "[" not in e.arguments
-        }
-    ARGUMENTS.write_text(json.dumps(called, indent=1) + "\n", encoding="utf-8")
     SECONDS.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     return SECONDS
 
