@@ -134,7 +134,7 @@ def test_a_loop_of_another_period_is_refused(tmp_path):
         (["--keys", "1:1,5:4,3:6"], 1, "new frame 3 after 5"),
         (["--keys", "1:1,9:99"], 1, "frame 99, the cache has 1 to 32"),
         (["--keys", "1:1,1e9:4"], 1, "at most 1000000"),
-        (["--speed", "0"], 1, "above 0"),
+        (["--speed", "0"], 2, "x>0"),
         (["--speed", "nan"], 1, "above 0"),
         (["--speed", "1e-9"], 1, "allowed 3.1e-05 to 31"),
         (["--loop", "31"], 1, "Give 1 to 30"),

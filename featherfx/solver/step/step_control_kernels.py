@@ -44,7 +44,7 @@ _MAX_CUT_RATIO, _STEP_CUT = 1e6, 0.25
 # either costs more in steps that are done again than it saves, as a vibration that turns round has
 # no error for a moment (docs/decisions/tried.md)
 _STEP_SAFETY, _MAX_STEP_GROWTH = 0.7, 1.5
-# the same of half a frame: with less, two steps would never become one
+# the same of half a frame that feathers share: with less, two steps would never become one
 _WHOLE_FRAME_GROWTH = 2.0
 # part that the last step's work has in the mean of the last ones
 RECENT_WORK_WEIGHT = 0.5
@@ -272,13 +272,12 @@ def judge_attempt(h, first, attempt, outcome, settings):
 def after_step(first, attempt, outcome, settings):
     """The next (h, way) where a step was taken; arguments as in judge."""
     tolerance, error = settings.tolerance, outcome.excess
+    several, growth = attempt.h < 0.4 * settings.duration, _MAX_STEP_GROWTH
     if settings.shared > 0.0:
         tolerance *= settings.shared
+        growth = _MAX_STEP_GROWTH if several else _WHOLE_FRAME_GROWTH
     pressed, hard = attempt.allowed > 0.0, attempt_work(outcome) > settings.hard
-    several = attempt.h < 0.4 * settings.duration
-    most = _MAX_STEP_GROWTH if several else _WHOLE_FRAME_GROWTH
-    if not pressed and (hard or error > _LOST_ERROR_RATIO * tolerance):
-        most = 1.0
+    most = 1.0 if not pressed and (hard or error > _LOST_ERROR_RATIO * tolerance) else growth
     wanted = _length_for(error, tolerance, attempt.h, 0.5, most)
     if several and _EQUAL_STEP_RANGE[0] * attempt.h < wanted < _EQUAL_STEP_RANGE[1] * attempt.h:
         wanted = attempt.h
