@@ -124,7 +124,7 @@ def run_page(name: str, folder: Path, inputs: Path) -> None:
     start = name in sections()["Start"]
     for part in ("samples", "tests", "docs"):
         shutil.copytree(ROOT / part, folder / part, ignore=shutil.ignore_patterns("__pycache__"))
-    (folder / "home").mkdir()
+    (folder / "home/houdini20.5").mkdir(parents=True)  # where plugins find it
     if not start:
         shutil.copytree(inputs, folder, dirs_exist_ok=True)
     here, output = folder, ""

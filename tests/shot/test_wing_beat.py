@@ -1,18 +1,21 @@
 """Wing beats: shares, ratios and planes that are asked for are measured, modes blend, sources."""
 
 import json
+import re
+import warnings
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from commands import invoke
-from test_bird_motions import read
+from test_bird_motions import BIRD, SHOT, read
 
 from featherfx.errors import InputError, InputWarning
 from featherfx.shot.motion.joint_tracks import find_tracks
 from featherfx.shot.motion.joints import skeleton_of
 from featherfx.shot.motion.motion import joint_poses
+from featherfx.shot.read.read import read_shot
 
 # a beat under way, with both wings open
 BEAT = """kind = "act"
@@ -144,7 +147,6 @@ def test_the_list_of_presets_says_where_figures_of_motions_come_from():
     ("keys", "message"),
     [
         ("downstroke = 1.5", r"motion.*downstroke: 1.5 is out of range. Give 0.1 to 0.9"),
-        ("span_ratio = 0.1", r"span_ratio: 0.1 is less than these wings reach.*Give at least 0"),
         ("elbow = [[0.5, 3], [0.2, 1]]", r"elbow\[1\]\[0\]: 0.2 is not after 0.5"),
         ("elbow = [[0, 3], [1, 1]]", r"elbow\[1\]\[0\]: 1 is no phase of a beat"),
         ("turn = [[0, 3], [1, 999]]", r"turn\[1\]\[1\]: 999 is out of range"),
@@ -154,6 +156,32 @@ def test_the_list_of_presets_says_where_figures_of_motions_come_from():
 def test_beats_that_cannot_be(tmp_path, keys, message):
     with pytest.raises(InputError, match=message):
         tracks_of(tmp_path, BEAT.format(keys), 1)
+
+
+def test_wings_that_cannot_fold_so_far_come_as_near_as_they_do(tmp_path):
+    pattern = r"span_ratio: 0.1 is less than these wings reach, .*; 0.\d+ is taken"
+    with pytest.warns(InputWarning, match=pattern) as told:
+        _, asked = tracks_of(tmp_path, BEAT.format("span_ratio = 0.1"))
+    least = re.search(r"; (\S+) is taken", str(told[0].message))[1]
+    _, taken = tracks_of(tmp_path, BEAT.format(f"span_ratio = {least}"))
+    for one, other in zip(asked.wings.values(), taken.wings.values(), strict=True):
+        np.testing.assert_allclose(one.span_ratio, other.span_ratio, atol=0.01)
+
+
+# of all motions, the one in which wings that fly fold farthest
+@pytest.mark.parametrize("name", ["hover"])
+@pytest.mark.parametrize(
+    "species", ["gull", "owl", "parrot", "peacock", "pigeon", "sparrow", "swan"]
+)
+def test_motions_fold_no_wing_farther_than_it_goes(tmp_path, species, name):
+    """Wings bow as on bodies that they lie on."""
+    wing = BIRD.replace('type = "sparrow"', f'type = {{ base = "{species}", bow = 25 }}')
+    (tmp_path / "groom.toml").write_text(wing)
+    (tmp_path / "shot.toml").write_text(SHOT + f'base = "{name}"')
+    shot = read_shot(tmp_path / "shot.toml")
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", message=".*less than these wings reach")
+        joint_poses(shot.motion, shot, skeleton_of(shot.groom))
 
 
 def test_beats_too_fast_for_the_frames_are_told(tmp_path):

@@ -34,6 +34,7 @@ from __future__ import annotations
 
 import fnmatch
 import math
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -43,7 +44,7 @@ import numpy as np
 from featherfx.algebra.interpolation import eased, eased_integral, monotone, smooth_step
 from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.algebra.types import Array
-from featherfx.errors import InputError, Problem
+from featherfx.errors import InputWarning, Problem
 from featherfx.groom.types import Groom, Joint
 from featherfx.shot.motion.act import PoseComposer
 from featherfx.shot.motion.joints import (
@@ -260,8 +261,8 @@ def flapping(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
     """Poses of a groom's joints that beat.
 
     A joint in the middle (side 0) has no wing to move and is driven as a body, as the groom itself
-    is. Raises MissingJointError where the groom has no shoulder on either side, InputError for
-    wings that do not reach the span ratio.
+    is. Raises MissingJointError where the groom has no shoulder on either side. Wings that do not
+    reach a span ratio come as near as they do, with a warning.
     """
     groom, source = shot.groom, str(shot.source)
     if not any(joint.role == "shoulder" and joint.side for joint in groom.joints):
@@ -290,7 +291,7 @@ class _SpanFit:
     source: str
 
     def factor(self, ratio: float) -> float:
-        """Return the factor of the folds. Raises InputError where wings do not fold so far."""
+        """Return the factor of the folds; where wings do not fold so far, the largest, and warn."""
         phases = [k / _SAMPLES for k in range(_SAMPLES)]
         farthest = [
             max(abs(math.radians(self.flap.curves[joint.role](phase))) for phase in phases)
@@ -300,9 +301,11 @@ class _SpanFit:
         ]
         high = 1.0 / max(farthest) if any(farthest) else 0.0
         if self._ratio(high) > ratio:
-            message = f"{ratio:g} is less than these wings reach, folded as far as they go"
-            remedy = f"Give at least {self._ratio(high):.2f}, or more of elbow and wrist"
-            raise InputError(Problem(self.source, "motion.span_ratio", f"{message}. {remedy}"))
+            least = f"{math.ceil(100.0 * self._ratio(high)) / 100.0:g}"
+            message = f"motion.span_ratio: {ratio:g} is less than these wings reach, folded as far"
+            message += f" as they go; {least} is taken. Give as much, or more of elbow and wrist"
+            warnings.warn(f"{self.source}: {message}", InputWarning, stacklevel=2)
+            return high
         low = 0.0
         for _ in range(_BISECTIONS):
             middle = 0.5 * (low + high)
