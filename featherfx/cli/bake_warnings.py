@@ -57,6 +57,8 @@ def print_warnings(result: dict[str, Any]) -> None:
         tell("\n".join(_too_long(result)))
     if result.get("worst_unsolved"):
         tell("\n".join(_unsolved(result)))
+    if (contact := result.get("contact")) and contact["steps_with_contacts_off"]:
+        tell(_off(contact))
     for each in result.get("grips_at_limit", ()):
         tell(_at_limit(each))
     if over := result.get("over_promised"):
@@ -65,6 +67,15 @@ def print_warnings(result: dict[str, Any]) -> None:
         tell("\n".join(_undefined(result["undefined"])))
     for text in result.get("bounds_passed", ()):
         tell(f"featherfx: warning: {text}")
+
+
+def _off(contact: dict[str, Any]) -> str:
+    """The warning of steps that were taken although their contacts were out of balance."""
+    return (
+        f"featherfx: warning: contact: {contact['steps_with_contacts_off']} of {contact['steps']}"
+        " steps were taken with contacts out of balance. Within steps feathers are up to"
+        f" {as_figure(1e3 * contact['worst_depth'])} mm in each other. Raise [contact] max_steps"
+    )
 
 
 def print_missing_promise(result: dict[str, Any]) -> None:

@@ -11,6 +11,7 @@ from contact_cases import crossings
 from farm.flock import flock
 from places import SAMPLES
 
+from featherfx.cli.bake_warnings import print_warnings
 from featherfx.errors import InputError, InputWarning
 from featherfx.files.background import allow_threads
 from featherfx.limits import MAX_JOBS
@@ -351,3 +352,14 @@ def test_feathers_that_contact_leaves_out_move_as_without_it():
     for frame, other in zip(with_contact, without, strict=True):
         for pose, own in zip(frame.poses, other.poses, strict=True):
             assert np.array_equal(pose.points.nodes, own.points.nodes)
+
+
+def test_steps_with_contacts_out_of_balance_are_told(capsys):
+    contact = {"steps": 9, "steps_with_contacts_off": 0, "worst_depth": 4.2e-4}
+    print_warnings({"contact": contact})
+    assert capsys.readouterr().err == ""
+    print_warnings({"contact": contact | {"steps_with_contacts_off": 2}})
+    assert "2 of 9 steps were taken with contacts out of balance" in (
+        told := capsys.readouterr().err
+    )
+    assert "up to 0.42 mm in each other. Raise [contact] max_steps" in told
