@@ -17,7 +17,7 @@ from featherfx.groom.types import Groom
 from featherfx.limits import MAX_TRIED, irregular
 from featherfx.phases import Progress, tells_progress
 from featherfx.shot.direction.shapes import refuse_other_shapes
-from featherfx.shot.direction.unsimulated_targets import FELT, warn_of_unfelt
+from featherfx.shot.direction.unfelt_channels import FELT, warn_of_unfelt
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options.options import resolve_options
@@ -93,11 +93,11 @@ def _tried(given: Shot | Groom) -> list[Problem]:
 
 
 def _try_motion(shot: Shot) -> None:
-    """Fit the motion of a shot to its joints, and files of its targets to its feathers; say which
-    of its targets and channels are not felt. Raises InputError."""
+    """Fit the motion of a shot to its joints, and files of its targets to its feathers; warn of
+    channels that are not felt. Raises InputError."""
     motion = root_motion(shot)
-    if shot.targets or any(channel.name in FELT for channel in shot.channels):
-        drawn = drawn_feathers(shot)
-        options = resolve_options(shot, drawn, motion).feathers
-        refuse_other_shapes(shot, drawn, options, motion)
-        warn_of_unfelt(shot, options)
+    felt = any(channel.name in FELT for channel in shot.channels)
+    drawn = drawn_feathers(shot) if shot.targets or felt else ()
+    refuse_other_shapes(shot, drawn, motion)
+    if felt:
+        warn_of_unfelt(shot, resolve_options(shot, drawn, motion).feathers)

@@ -15,6 +15,7 @@ def fits(entry: SomeFeathers, placement: Placement) -> bool:
         fnmatchcase(placement.id, entry.feathers)
         and fnmatchcase(placement.region, entry.region)
         and fnmatchcase(placement.kind.name, entry.kind)
+        and not any(fnmatchcase(placement.id, each) for each in entry.exclude)
     )
 
 

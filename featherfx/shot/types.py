@@ -71,11 +71,16 @@ class Grip:
 
 @dataclass(frozen=True, kw_only=True)
 class SomeFeathers:
-    """Feathers that all three patterns fit."""
+    """Feathers that all three patterns fit, but for those that are excluded."""
 
     feathers: Annotated[str, "Ids, with * and ? as wild cards."] = "*"
     region: Annotated[str, "Regions, with * and ? as wild cards."] = "*"
     kind: Annotated[str, "Kinds, with * and ? as wild cards."] = "*"
+    exclude: Annotated[
+        tuple[str, ...],
+        ArrayOf(Text(), 0, 1000),
+        "Ids of feathers that it leaves out, with * and ? as wild cards.",
+    ] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

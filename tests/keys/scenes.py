@@ -103,7 +103,12 @@ PULL = {
 SECOND = {"id": "second", "position": [0, 0.004, 0.003], "region": "wing", "kind": "swan_secondary"}
 PAIR = [FEATHER, FEATHER | SECOND]
 # patterns that fit one of both
-SOME = {".feathers": ["second"], ".region": ["wing"], ".kind": ["swan_secondary"]}
+SOME = {
+    ".feathers": ["second"],
+    ".region": ["wing"],
+    ".kind": ["swan_secondary"],
+    ".exclude": [["second"]],
+}
 ROOT = {"position": [0, 0, 0], "direction": [1, 0, 0], "up": [0, 0, 1]}
 ROW = {
     "id": "row",

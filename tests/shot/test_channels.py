@@ -14,7 +14,7 @@ from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.partition.dependence import motion_dependences
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.types import CHANNELS, Channel, Detail, Target
+from featherfx.shot.types import CHANNELS, Channel, Detail
 
 # m, within the reach of the roots of two wings
 SOFT = 1.0
@@ -185,14 +185,37 @@ def test_what_is_asked_of_feathers_that_are_not_simulated_is_told(shot):
             const("gravity", 0.5),
             const("ruffle", 5.0, feathers="right_*"),
         ),
-        targets=(Target(keys=((1.0, 1.0),)), Target(keys=((1.0, 1.0),), feathers="left_*")),
     )
     with pytest.warns(InputWarning) as told:
         simulate(asked)
-    said = [str(each.message) for each in told]
-    assert len(said) == 2
-    assert "target[0]: 10 of its 20 feathers are guided or rigid" in said[0]
-    assert "channel[0]: none of its 10 feathers is simulated, so none feels wind" in said[1]
+    (said,) = (str(each.message) for each in told)
+    assert "channel[0]: none of its 10 feathers is simulated, so none feels wind" in said
+
+
+@pytest.mark.parametrize("level", ["full", "guided"])
+def test_one_feather_is_calmed_by_its_id(shot, level):
+    """Of what bends it a share is kept, whether it is simulated or guided; others are as before."""
+    own = shot.groom.feathers[2].id
+    bent = replace(shot, details=(Detail(feathers=own, level=level, every=0),))
+    heavy = const("gravity", 3.0)
+    none, calm, whole = (
+        [p.points.nodes for p in first(bent, heavy, const("follow", share, feathers=own)).poses]
+        for share in (0.0, 0.25, 1.0)
+    )
+    tips = [each[2][-1, 0] for each in (none, calm, whole)]
+    way = np.linalg.norm(tips[2] - tips[0])
+    assert way > 1e-3
+    assert np.linalg.norm(tips[1] - tips[0]) == pytest.approx(0.25 * way, rel=0.1)
+    rest = [np.array_equal(a, b) for a, b in zip(calm, whole, strict=True)]
+    assert rest == [each.id != own for each in bent.groom.feathers]
+
+
+def test_a_channel_leaves_out_what_it_excludes(shot):
+    names = [each.id for each in shot.groom.feathers]
+    channel = Channel(name="ruffle", keys=((1, 9),), exclude=("left_*", names[1]))
+    (course,) = courses(directed(shot, channel), ("ruffle",))
+    left = [name.startswith("left_") or name == names[1] for name in names]
+    assert (course.weights == 0.0).tolist() == left
 
 
 def test_follow_through_scales_what_is_simulated_without_stretching(shot):

@@ -17,7 +17,7 @@ from featherfx.shot.direction.shafts import _shortest, along_line
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.partition.dependence import motion_dependences
-from featherfx.shot.types import Channel, Target
+from featherfx.shot.types import Channel, Detail, Target
 
 SAMPLE = SAMPLES / "swan_wing"
 HELD = ((3, 0), (8, 1), (14, 1), (20, 0))
@@ -106,6 +106,59 @@ def test_other_feathers_move_as_before_and_need_no_new_bake(shot, free):
     before, after = motion_dependences(shot), motion_dependences(replace(shot, targets=(target,)))
     changed = {f.id for f, a, b in zip(shot.groom.feathers, before, after, strict=True) if a != b}
     assert changed == {f.id for f in shot.groom.feathers if f.id.startswith("left")}
+
+
+LEVELS = {
+    "rigid": (Detail(level="rigid", feathers=FEATHER),),
+    "guided": (Detail(level="guided", feathers=FEATHER, every=0),),
+}
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_feathers_that_are_not_simulated_are_led_to_a_shape_and_left(shot, bent, level):
+    """They are in it as near as its own lengths let them be, with rates of the way there."""
+    own = replace(shot, details=LEVELS[level])
+    target = Target(shape="bent", points=bent, frame=14, keys=HELD, tolerance=0.5, feathers=FEATHER)
+    (plain, _), (nodes, run) = moved(own), moved(own, target)
+    way = np.linalg.norm(nodes - plain, axis=-1).max(axis=(1, 2)) / length(shot)
+    assert way[:3].max() < 1e-9 > way[-1]
+    assert way[9:13].min() > 0.1
+    surface = drawn_feathers(shot)[0].surface
+    on_node = (surface.offset == 0.0).all(axis=1)
+    there = nodes[13][surface.row, surface.node][on_node]
+    apart = 100.0 * np.linalg.norm(there - bent[FEATHER][on_node], axis=1).max() / length(shot)
+    assert apart <= run.report["targets"][0]["deviation"] * (1.0 + 1e-9) < 0.5
+    chords = np.linalg.norm(np.diff(nodes[:, :, 0], axis=1), axis=-1)
+    assert chords == pytest.approx(np.broadcast_to(chords[0], chords.shape), rel=1e-9)
+
+
+def test_rates_of_led_feathers_are_those_of_their_motion(shot, bent):
+    own = replace(shot, details=LEVELS["rigid"], last_frame=8)
+    target = Target(shape="bent", points=bent, frame=14, keys=HELD)
+    run = simulate(replace(own, targets=(target,)), wanted=[0], subframes=8)
+    poses = [frame.poses[0] for frame in run]
+    nodes, rates = (
+        np.array([p.nodes for p in each])
+        for each in zip(*((pose.points, pose.velocities) for pose in poses), strict=True)
+    )
+    step = 1.0 / (8 * own.frames_per_second)
+    between = (nodes[2:] - nodes[:-2]) / (2.0 * step)
+    assert np.abs(between - rates[1:-1]).max() < 0.02 * np.abs(rates).max()
+
+
+def test_a_led_feather_keeps_an_outline(shot, bent):
+    own = replace(shot, details=LEVELS["rigid"])
+    aim = Target(shape="bent", points=bent, frame=14, keys=((1, 1),))
+    held, near = (
+        moved(own, replace(aim, within=within))[0][13] for within in (0.0, 0.03 * length(shot))
+    )
+    apart = np.linalg.norm(held - near, axis=-1).max() / length(shot)
+    assert 0.02 < apart < 0.0305
+
+
+def test_feathers_that_are_excluded_are_left_alone(shot, free):
+    target = Target(keys=((1, 1),), exclude=("right_secondary_0?",))
+    assert np.array_equal(moved(shot, target)[0], free)
 
 
 def test_a_shape_that_stretches_the_feather_is_told(shot, bent):
@@ -229,7 +282,8 @@ def test_a_curve_that_is_no_shaft_is_refused(shot, lines, change, told):
 def test_a_shaft_drawn_as_it_rests_or_the_other_way_keeps_its_vanes(shot, turn):
     feather = drawn_feathers(shot)[0]
     rest = feather.rest.nodes
-    nodes = along_line(feather, turn * (rest[:, 0] - rest[0, 0]))
+    line = turn * (rest[:, 0] - rest[0, 0])
+    nodes = along_line(feather.rest, feather.station, line).nodes
     sides = [
         np.einsum("nij,nkj->nik", each, each) for each in (rest - rest[:, :1], nodes - nodes[:, :1])
     ]
@@ -282,12 +336,9 @@ def test_check_says_what_a_bake_does_of_shapes_of_other_feathers(files, old, new
         simulate(featherfx.read_shot(path))
     assert list(caught.value.problems) == problems
     assert [each.key for each in problems] == ["target[0].shape"]
-    # what is not simulated feels no target
+    # what is not simulated is led as well
     path.write_text(f'{path.read_text()}\n[[detail]]\nlevel = "rigid"\n')
-    with pytest.warns(
-        InputWarning, match=r"target\[0\]: .* are guided or rigid and feel no target"
-    ):
-        assert featherfx.check(path) == []
+    assert featherfx.check(path) == problems
 
 
 def test_check_says_what_a_bake_does_of_channels_that_nothing_feels(files):
@@ -313,6 +364,7 @@ def test_check_says_what_a_bake_does_of_channels_that_nothing_feels(files):
         ('keys = [[1, 1]]\nshape = "groom.toml"', "a TOML file"),
         ('keys = [[1, 1]]\nfeathers = "nobody"', "no feather of the groom fits 'nobody'"),
         ("keys = [[1, 1]]\ntolerance = 0", "Give 0.01 to 100"),
+        ('keys = [[1, 1]]\nexclude = ["left*", "nobody"]', r"exclude\[1\]: .* fits 'nobody'"),
     ],
 )
 def test_wrong_targets_are_refused(files, text, told):

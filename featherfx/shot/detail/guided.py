@@ -61,19 +61,13 @@ class FeatherPieces(NamedTuple):
     segments: Array
 
 
-class Shapes:
-    """Rest shapes of F feathers of n rows and m columns, as the chains need them.
+class Chains:
+    """F feathers of n rows and m columns in a pose, rest: (F, ...), from which turns count."""
 
-    stations: (n,) relative arc lengths, and grown: (2, n) which barbs there are, of each.
-    """
-
-    def __init__(self, feathers: Sequence[Feather], mirrored: Sequence[bool]) -> None:
+    def __init__(self, rest: RowPoints, mirrored: Sequence[bool]) -> None:
         self._mirrored = np.array(mirrored, dtype=np.bool_)
-        rest = self._unmirrored(stacked([feather.rest for feather in feathers]))
-        self._rest = _pieces(rest)
-        self.stations = [np.round(each.station / each.station[-1], _DIGITS) for each in feathers]
-        self.grown = [np.asarray(each.barb_length > 0.0) for each in feathers]
-        self.size = feathers[0].rows, feathers[0].columns
+        self._rest = _pieces(self._unmirrored(rest))
+        self.size = rest.nodes.shape[1], rest.nodes.shape[2] // 2
 
     def turns(self, points: RowPoints) -> Turns:
         """Find how F feathers, seen from their root frames, are deformed."""
@@ -98,6 +92,18 @@ class Shapes:
         flipped = np.where(self._mirrored[:, None, None, None], [1.0, -1.0, 1.0], 1.0)
         turned_round = np.where(self._mirrored[:, None, None, None], [[-1.0], [1.0]], 1.0)
         return RowPoints(points.nodes * flipped, points.directors * flipped * turned_round)
+
+
+class Shapes(Chains):
+    """Rest shapes of F feathers.
+
+    stations: (n,) relative arc lengths, and grown: (2, n) which barbs there are, of each.
+    """
+
+    def __init__(self, feathers: Sequence[Feather], mirrored: Sequence[bool]) -> None:
+        super().__init__(stacked([feather.rest for feather in feathers]), mirrored)
+        self.stations = [np.round(each.station / each.station[-1], _DIGITS) for each in feathers]
+        self.grown = [np.asarray(each.barb_length > 0.0) for each in feathers]
 
 
 class Followers:
@@ -192,7 +198,7 @@ def _interpolation(own: Array, other: Array, grown: Flags) -> Array:
     return found
 
 
-def _row_frames(directors: Array) -> Array:
+def row_frames(directors: Array) -> Array:
     """(F, n, 3, 3) row frames from the directors, made orthonormal."""
     second, third = directors[:, :, 0], directors[:, :, 1]
     second = second / np.linalg.norm(second, axis=-1, keepdims=True)
@@ -203,7 +209,7 @@ def _row_frames(directors: Array) -> Array:
 
 def _pieces(points: RowPoints) -> FeatherPieces:
     """Take F feathers, seen from their root frames, apart."""
-    frames, every = _row_frames(points.directors), points.nodes
+    frames, every = row_frames(points.directors), points.nodes
     back = _transposed(frames[:, :-1])
     chords = (back @ np.diff(every[:, :, 0], axis=1)[..., None])[..., 0]
     sides = []

@@ -17,7 +17,7 @@ import numpy as np
 
 from featherfx.algebra.rotation import from_rotation_vector, transported
 from featherfx.algebra.types import Array
-from featherfx.feather.types import Feather
+from featherfx.feather.types import RowPoints
 
 # over a shaft's length: how long a curve may be, and how far from the root it may begin
 LENGTHS, AWAY = (0.5, 2.0), 0.25
@@ -40,18 +40,19 @@ def why_no_shaft(line: Array, length: float) -> str:
     return ""
 
 
-def along_line(feather: Feather, line: Array) -> Array:
-    """(n, 1 + 2 m, 3) m, nodes of a feather whose shaft has the form of a curve (k, 3) m, both in
-    the root's frame."""
-    rest, station = feather.rest.nodes, feather.station
+def along_line(rest: RowPoints, station: Array, line: Array) -> RowPoints:
+    """A feather whose shaft has the form of a curve (k, 3) m. rest: its pose, in the same axes.
+    station: (n,) m, arc lengths of its rows."""
+    nodes, axis = rest.nodes, rest.nodes[:, 0]
     way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
     scale = station[-1] / way[-1]
     places = [np.interp(station, scale * way, scale * (each - each[0])) for each in line.T]
     shaft = np.stack(places, axis=1)
-    first, own = (_start(each, station) for each in (rest[:, 0], shaft))
+    first, own = (_start(each, station) for each in (axis, shaft))
     turn = transported(shaft, station) @ _shortest(first, own)
-    turn = turn @ transported(rest[:, 0], station).transpose(0, 2, 1)
-    return np.asarray(shaft[:, None] + np.einsum("nij,npj->npi", turn, rest - rest[:, :1]))
+    back = transported(axis, station) @ turn.transpose(0, 2, 1)
+    moved = shaft[:, None] + (nodes - nodes[:, :1]) @ back
+    return RowPoints(moved, rest.directors @ back)
 
 
 def _start(points: Array, station: Array) -> Array:

@@ -11,27 +11,20 @@ from featherfx.errors import Problem, require
 from featherfx.feather.density import density_map
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.shot.direction.shafts import along_line, why_no_shaft
-from featherfx.shot.options.options import FeatherOptions
 from featherfx.shot.patterns import fits
 from featherfx.shot.roots import Roots
 from featherfx.shot.types import Shot, Target
 
 
-def refuse_other_shapes(
-    shot: Shot,
-    drawn: Sequence[Feather],
-    options: Sequence[FeatherOptions],
-    motion: Roots,
-) -> None:
-    """Raise InputError with a problem of every target whose file lacks feathers that are simulated,
-    or has other shapes than theirs.
+def refuse_other_shapes(shot: Shot, drawn: Sequence[Feather], motion: Roots) -> None:
+    """Raise InputError with a problem of every target whose file lacks feathers, or has other
+    shapes than theirs.
 
-    drawn: all feathers of the shot on the meshes' grid. options: of each.
+    drawn: all feathers of the shot on the meshes' grid.
     """
-    felt = [f for f, each in enumerate(options) if each.is_simulated]
     problems = []
     for number, target in enumerate(shot.targets):
-        own = [f for f in felt if fits(target, shot.groom.feathers[f])]
+        own = [f for f, each in enumerate(shot.groom.feathers) if fits(target, each)]
         faults = [why for f in own if (why := _fault(shot, target, f, drawn[f], motion))]
         if faults:
             dot = "" if faults[0].endswith("?") else "."
@@ -69,17 +62,18 @@ def _on_root(shot: Shot, target: Target, f: int, points: Array, motion: Roots) -
 
 def shape_of(
     shot: Shot, target: Target, f: int, drawn: Feather, own: Feather, motion: Roots
-) -> Array:
-    """(n, 1 + 2 m, 3) m, nodes of a target's shape in the root frame of a feather, as it is drawn
-    and as it is simulated, on the grid of the latter. What fits has been asked before."""
+) -> RowPoints:
+    """A target's shape in the root frame of a feather, as it is drawn and as it is simulated, on
+    the grid of the latter. What fits has been asked before."""
     name = shot.groom.feathers[f].id
     if target.points is not None and name in target.points:
         shape = _row_points(_on_root(shot, target, f, target.points[name], motion), drawn)
         same = drawn.cell.shape == own.cell.shape
-        return shape.nodes if same else density_map(drawn, own)(shape).nodes
+        return shape if same else density_map(drawn, own)(shape)
     if target.lines is not None and name in target.lines:
-        return along_line(own, _on_root(shot, target, f, target.lines[name], motion))
-    return own.rest.nodes
+        line = _on_root(shot, target, f, target.lines[name], motion)
+        return along_line(own.rest, own.station, line)
+    return own.rest
 
 
 def _row_points(points: Array, feather: Feather) -> RowPoints:

@@ -27,10 +27,13 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputWarning, as_figure
+from featherfx.feather.types import stacked
 from featherfx.mechanics.model import Loads, Model
+from featherfx.shot.detail.guided import Turns
 from featherfx.shot.direction.channels import Curve
 from featherfx.shot.direction.shapes import refuse_other_shapes, shape_of
-from featherfx.shot.direction.unsimulated_targets import warn_of_unfelt
+from featherfx.shot.direction.shown_turns import ShownTurns, scaled_turns
+from featherfx.shot.frames import FeatherPose
 from featherfx.shot.loop.groups import FeatherGroup, GroupLoad
 from featherfx.shot.loop.run import ShotLoad, ShotRun, Stage
 from featherfx.shot.patterns import fits
@@ -158,7 +161,7 @@ class TargetLoads(ShotLoad):
             chosen = [k for k, f in enumerate(members) if fits(target, shot.groom.feathers[f])]
             if chosen:
                 local = [
-                    shape_of(shot, target, int(f), drawn[f], feathers[k], motion)
+                    shape_of(shot, target, int(f), drawn[f], feathers[k], motion).nodes
                     for k, f in zip(chosen, members[chosen], strict=True)
                 ]
                 length = np.array([feathers[k].station[-1] for k in chosen])
@@ -212,8 +215,67 @@ def _first_square(model: Model, k: int, known: dict[bytes, float]) -> float:
     return known[key]
 
 
+@dataclass(frozen=True)
+class LedShapes:
+    """Guided and rigid feathers of a target: their turns are led to those of its shape.
+
+    hold: over time. aims: turns of the shape; shapes: (F, n, 1 + 2 m, 3) m, its nodes in root
+    frames. lengths: (F,) m.
+    """
+
+    target: Target
+    hold: Curve
+    shown: ShownTurns
+    aims: Turns
+    shapes: Array
+    lengths: Array
+
+    def turns(self, turns: Turns, time: float) -> Turns:
+        """Return the turns that are shown at a time (s): those of a pose, on the way to the shape.
+
+        Within its distance from the shape a feather is free."""
+        hold = np.full(len(self.shapes), self.hold.value(time))
+        if self.target.within > 0.0:
+            away = self.lengths * self.deviations(self.shown.shapes.posed(turns).nodes, 0.0)
+            hold *= 1.0 - self.target.within / np.maximum(away, self.target.within)
+        free, held = scaled_turns(turns, 1.0 - hold), scaled_turns(self.aims, hold)
+        return Turns(free.along + held.along, free.barbs + held.barbs)
+
+    def deviations(self, nodes: Array, within: float | None = None) -> Array:
+        """(F,) of their lengths, how far nodes in root frames are beyond `within` of the shape."""
+        away = np.linalg.norm(nodes - self.shapes, axis=-1).max(axis=(1, 2))
+        return (
+            np.maximum(away - (self.target.within if within is None else within), 0.0)
+            / self.lengths
+        )
+
+
+def _lead(run: ShotRun, number: int) -> LedShapes | None:
+    """Guided and rigid feathers of a target of a shot; None where it has none."""
+    target, feathers = run.shot.targets[number], run.shot.groom.feathers
+    wanted = (f for f in run.wanted.tolist() if fits(target, feathers[f]))
+    members = [f for f in wanted if not run.options.feathers[f].is_simulated]
+    if not members:
+        return None
+    shown, drawn = ShownTurns(run, np.array(members)), [run.drawn[f] for f in members]
+    aims = stacked(
+        [
+            shape_of(run.shot, target, f, own, own, run.motion)
+            for f, own in zip(members, drawn, strict=True)
+        ]
+    )
+    return LedShapes(
+        target=target,
+        hold=Curve.of_keys(run.shot, target.keys),
+        shown=shown,
+        aims=shown.shapes.turns(aims),
+        shapes=aims.nodes,
+        lengths=np.array([each.station[-1] for each in drawn]),
+    )
+
+
 class TargetStage(Stage):
-    """Deviations of feathers from the shapes that they are held in.
+    """Deviations of feathers from the shapes that they are held in, and those that it leads.
 
     worst: by target's number, the greatest deviation beyond `within` (of the length), the feather
     and the frame.
@@ -221,11 +283,10 @@ class TargetStage(Stage):
 
     def __init__(self, run: ShotRun) -> None:
         super().__init__(run)
-        refuse_other_shapes(run.shot, run.drawn, run.options.feathers, run.motion)
-        if not run.shot.channels:
-            warn_of_unfelt(run.shot, run.options.feathers)
+        refuse_other_shapes(run.shot, run.drawn, run.motion)
         self._shot = run.shot
         self._worst: dict[int, tuple[float, str, float]] = {}
+        self._led = [each for k in range(len(run.shot.targets)) if (each := _lead(run, k))]
 
     def note(self, index: int) -> None:
         """Look at all batches at a sample."""
@@ -234,15 +295,29 @@ class TargetStage(Stage):
                 if isinstance(pulls, Pulls):
                     self._note_batch(pulls, group.state.points.nodes, index)
 
+    def follow(self, index: int, poses: dict[int, FeatherPose]) -> None:
+        """Lead guided and rigid feathers at a sample."""
+        time = self.run.time(index)
+        for led in self._led:
+            led.shown.change(index, poses, led.turns)
+            if led.hold.value(time) == 1.0:
+                members, roots = led.shown.members, self.run.motion.frames(time)
+                nodes = np.stack([poses[f].points.nodes for f in members.tolist()])
+                nodes = nodes - roots.positions[members][:, None, None]
+                apart = led.deviations(nodes @ roots.rotations[members][:, None])
+                self._note_worst(led.target, members, apart, index)
+
     def _note_batch(self, pulls: Pulls, nodes: Array, index: int) -> None:
-        frame = self.run.number(index)
         for target, members, deviations in pulls.deviations(nodes, self.run.time(index)):
-            number = next(k for k, each in enumerate(self._shot.targets) if each is target)
-            k = int(np.argmax(deviations))
-            worst = float(deviations[k])
-            if worst > self._worst.get(number, (-1.0,))[0]:
-                name = self._shot.groom.feathers[int(members[k])].id
-                self._worst[number] = worst, name, frame
+            self._note_worst(target, members, deviations, index)
+
+    def _note_worst(self, target: Target, members: Indices, deviations: Array, index: int) -> None:
+        number = next(k for k, each in enumerate(self._shot.targets) if each is target)
+        k = int(np.argmax(deviations))
+        worst = float(deviations[k])
+        if worst > self._worst.get(number, (-1.0,))[0]:
+            name = self._shot.groom.feathers[int(members[k])].id
+            self._worst[number] = worst, name, self.run.number(index)
 
     def report(self) -> dict[str, object]:
         """`targets`: of each that was held in full, the worst feather, frame, and its percent."""

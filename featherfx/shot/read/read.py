@@ -372,6 +372,8 @@ def _check_patterns(entries: Entries, groom: Groom | None) -> None:
         for key, names in known.items():
             what = "feather" if key == "feathers" else key
             _check_pattern(entry[key], what, names, at.child(key))
+        for index, pattern in enumerate(entry["exclude"]):
+            _check_pattern(pattern, "feather", known["feathers"], at.child("exclude").item(index))
 
 
 def _check_pattern(pattern: str, what: str, names: set[str], place: Place) -> None:

@@ -37,7 +37,7 @@ _OF_POINTS = ("points", "velocities", ACCELERATIONS, "normals", "widths")
 _OF_FACES = ("faceVertexCounts", "curveVertexCounts")
 _LABELS = tuple(f"primvars:{name}" for name in ("featherId", "featherKind", "region"))
 # of a bake, which a cache in another form is not
-_OF_BAKE = ("settings", "inputs", "dependences", "layout", "chunk")
+OF_BAKE = ("settings", "inputs", "dependences", "layout", "chunk")
 _TRANSLATE, _ORIENT = "xformOp:translate", "xformOp:orient"
 
 
@@ -73,7 +73,7 @@ def _fit_rotations(shape: Array, about: Array) -> Array:
 
 
 @dataclass
-class _FeatherPrim:
+class FeatherPrim:
     """A prim of feathers in a layer. points, faces: (M, 2) first and number of each."""
 
     spec: Any
@@ -100,7 +100,7 @@ def export_rigid(
     stage, written = begin_export(path, output, overwrite)
     layer = copy_layer(flatten_stage(stage))
     root = stage.GetDefaultPrim().GetPath()
-    parts = {name: list(_find_prims(layer, root.AppendChild(name))) for name, _ in SCOPES.values()}
+    parts = {name: list(find_prims(layer, root.AppendChild(name))) for name, _ in SCOPES.values()}
     if not any(_time_codes(layer, each) for each in parts[FEATHERS_SCOPE]):
         raise InputError(
             Problem(str(path), "", "has no meshes of feathers that move. Give a baked cache")
@@ -112,13 +112,13 @@ def export_rigid(
         _write_scope(layer, parts[scope], found, end)
     told = stage.GetRootLayer().customLayerData.get("featherfx")
     notes = told.items() if isinstance(told, dict) else ()
-    kept = {name: value for name, value in notes if name not in _OF_BAKE}
+    kept = {name: value for name, value in notes if name not in OF_BAKE}
     layer.customLayerData = {"featherfx": {**kept, "rigid": len(found), "rigidWithin": tolerance}}
     written(layer)
     return len(found)
 
 
-def _find_prims(layer: Any, scope: Any) -> Iterator[_FeatherPrim]:
+def find_prims(layer: Any, scope: Any) -> Iterator[FeatherPrim]:
     """Yield the prims of feathers in a scope."""
     spec = layer.GetPrimAtPath(scope)
     for prim in () if spec is None else list(spec.nameChildren):
@@ -133,15 +133,15 @@ def _find_prims(layer: Any, scope: Any) -> Iterator[_FeatherPrim]:
             own = [np.array([[0, count]]) for count in counts]
         else:
             own = [np.asarray(table.default, dtype=np.int64) for table in tables]
-        yield _FeatherPrim(prim, ids, *own)
+        yield FeatherPrim(prim, ids, *own)
 
 
-def _time_codes(layer: Any, prim: _FeatherPrim) -> list[float]:
+def _time_codes(layer: Any, prim: FeatherPrim) -> list[float]:
     return list(layer.ListTimeSamplesForPath(prim.spec.path.AppendProperty("points")))
 
 
 def _find_rigid(
-    layer: Any, prim: _FeatherPrim, allowed: float
+    layer: Any, prim: FeatherPrim, allowed: float
 ) -> Iterator[tuple[str, tuple[Any, RigidMotion]]]:
     """Yield the feathers of a mesh that move rigidly, with the codes of their motion."""
     codes = _time_codes(layer, prim)
@@ -156,9 +156,7 @@ def _find_rigid(
             yield id, (codes, motion)
 
 
-def _write_scope(
-    layer: Any, prims: Sequence[_FeatherPrim], found: dict[str, Any], end: str
-) -> None:
+def _write_scope(layer: Any, prims: Sequence[FeatherPrim], found: dict[str, Any], end: str) -> None:
     """Give rigid feathers prims of their own, with transforms."""
     taken = [prim.spec.name for prim in prims]
     for prim in prims:
@@ -189,21 +187,21 @@ def _update_extents(layer: Any, path: Any) -> None:
     """Set the extents of a prim that has lost points."""
     points, extent = (path.AppendProperty(name) for name in ("points", "extent"))
     attribute = layer.GetAttributeAtPath(extent)
-    attribute.default = _extent_of(layer, path, layer.GetAttributeAtPath(points).default)
+    attribute.default = extent_of(layer, path, layer.GetAttributeAtPath(points).default)
     for code in layer.ListTimeSamplesForPath(extent):
         layer.SetTimeSample(
-            extent, code, _extent_of(layer, path, layer.QueryTimeSample(points, code))
+            extent, code, extent_of(layer, path, layer.QueryTimeSample(points, code))
         )
 
 
-def _extent_of(layer: Any, path: Any, points: Any) -> Any:
+def extent_of(layer: Any, path: Any, points: Any) -> Any:
     """Return the extent of points of a prim, as a USD array."""
     found, widths = np.asarray(points), layer.GetAttributeAtPath(path.AppendProperty("widths"))
     pad = np.float32(0.5) * np.float32(np.max(widths.default) if widths else 0.0)
     return vec3f([found.min(axis=0) - pad, found.max(axis=0) + pad])
 
 
-def _copy_feathers(layer: Any, prim: _FeatherPrim, cut: _FeatherCut, path: Any) -> None:
+def _copy_feathers(layer: Any, prim: FeatherPrim, cut: _FeatherCut, path: Any) -> None:
     """Author a prim with some of the feathers of another."""
     Sdf.CreatePrimInLayer(layer, path)
     made = layer.GetPrimAtPath(path)
@@ -235,7 +233,7 @@ class _FeatherCut:
     alone: of one feather that will move rigidly; its values are constant.
     """
 
-    def __init__(self, prim: _FeatherPrim, chosen: Sequence[int], alone: bool) -> None:
+    def __init__(self, prim: FeatherPrim, chosen: Sequence[int], alone: bool) -> None:
         self._prim, self._chosen, self._alone = prim, list(chosen), alone
         tables = {"points": prim.points, "faces": prim.faces}
         self._own = {
@@ -360,7 +358,7 @@ def _author_transform(layer: Any, path: Any, codes: Sequence[float], motion: Rig
     is_mesh = "faceVertexCounts" in spec.properties
     shape = motion.shape if is_mesh else np.asarray(points.default) - motion.places[0]
     points.default = vec3f(shape)
-    spec.properties["extent"].default = _extent_of(layer, path, shape)
+    spec.properties["extent"].default = extent_of(layer, path, shape)
     for name in _RATES:
         if name in spec.properties:
             spec.RemoveProperty(spec.properties[name])
