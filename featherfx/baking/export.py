@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-from featherfx.api import groom_as_written, open_document, read_quality
+from featherfx.api import groom_as_written, open_document, read_groom, read_quality
 from featherfx.baking.entries import (
     drawn_entries,
     metadata_of,
@@ -15,11 +16,12 @@ from featherfx.baking.entries import (
 )
 from featherfx.baking.options import GroomOptions, make_options, takes
 from featherfx.baking.task import in_space
-from featherfx.errors import InputError, Problem, all_of, require_type
+from featherfx.errors import InputError, Problem, all_of, require, require_type
 from featherfx.feather.build import distinct_shapes
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.groom.types import Groom
-from featherfx.phases import Progress, tells_progress
+from featherfx.phases import Progress, phase, tells_progress
+from featherfx.render.options import find_missing_libraries
 from featherfx.shot.loop.placement import lay_out
 from featherfx.usd.types import choose_origin
 from featherfx.usd.write.cache_writer import CachePlace, CacheWriter
@@ -28,6 +30,7 @@ from featherfx.usd.write.options import BY_FEATHER, StageOptions, WriteOptions, 
 from featherfx.usd.write.output import (
     USD_SUFFIXES,
     check_output,
+    find_file_problems,
     output_files,
     refuse_inputs,
     unique_prim_names,
@@ -94,6 +97,44 @@ def _export(groom_path: str | Path, output: str | Path, options: GroomOptions) -
     with CacheWriter(path, entries, None, options=stage, place=place, metadata=metadata):
         pass
     return len(entries)
+
+
+@tells_progress
+def measure_coverage(
+    groom_path: str | Path,
+    output: str | Path | None = None,
+    *,
+    quality: str = "preview",
+    preset_folders: Iterable[str | Path] = (),
+    overwrite: bool = False,
+    progress: Progress = False,
+) -> dict[str, Any]:
+    """Measure how feathers cover the skin of a groom, tract by tract (featherfx/render/coverage.py).
+
+    output: picture to draw, .png; None: nothing is written. quality: name of the preset that gives
+    rows and columns. preset_folders, progress: as in read_groom. Raises InputError.
+    """
+    picture = None if output is None else Path(output)
+    problems = find_missing_libraries("groom", picture or Path("coverage.png"))
+    if picture is not None:
+        problems += find_file_problems([picture], overwrite)
+        if picture.suffix.lower() != ".png":
+            told = f"suffix '{picture.suffix}' is not .png. Name a .png file for the coverage"
+            problems.append(Problem(str(picture), "", told))
+    require(*problems)
+    grid = read_quality(quality, preset_folders)
+    groom = read_groom(groom_path, preset_folders)
+    if groom.tracts is None:
+        told = "there is no [[region]] or [bird], whose skin a coverage is measured on. Add one"
+        raise InputError(Problem(str(groom_path), "", told))
+    from featherfx.render.coverage import Coverage
+
+    coverage = Coverage(groom, build_feathers(groom.feathers, grid.rows, grid.columns))
+    with phase("finishing"):
+        found = coverage.measure()
+        if picture is not None:
+            coverage.draw(picture)
+    return found
 
 
 @tells_progress

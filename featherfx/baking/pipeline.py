@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from featherfx.baking.explain import explained_lines as explained_lines
     from featherfx.baking.export import export as export
     from featherfx.baking.export import export_groom as export_groom
+    from featherfx.baking.export import measure_coverage as measure_coverage
     from featherfx.baking.plan import plan as plan
     from featherfx.baking.shares import join as join
     from featherfx.baking.stats import stats as stats
@@ -47,6 +48,7 @@ _HOMES = {
     "is_cache": "featherfx.usd.check.check",
     "join": "featherfx.baking.shares",
     "judge_complete_cache": "featherfx.usd.check.check",
+    "measure_coverage": "featherfx.baking.export",
     "measure_holes": "featherfx.usd.check.measures",
     "measure_plumage": "featherfx.usd.check.plumage",
     "plan": "featherfx.baking.plan",

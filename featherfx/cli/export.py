@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from featherfx.cli.options import (
     NUMBERS,
     RealNumber,
     WholeNumber,
+    json_option,
     options_of,
     output_option,
     overwrite_option,
@@ -24,7 +26,7 @@ from featherfx.cli.options import (
     quality_option,
     readable_path,
 )
-from featherfx.cli.program import Command
+from featherfx.cli.program import Command, print_json
 from featherfx.cli.progress import Progress
 from featherfx.usd.write.options import StageOptions
 
@@ -36,20 +38,59 @@ from featherfx.usd.write.options import StageOptions
     featherfx groom samples/swan_wing/groom.toml -o feathers.usdc
     featherfx groom groom.toml -o feathers.usda --up-axis Y --meters-per-unit 0.01
     featherfx groom bird.usda -o feathers.usdc --render-rows 60 --barbs 300
+    featherfx groom bird.toml --coverage -o bare.png
     """,
 )
 @click.argument("groom", metavar="GROOM", type=readable_path())
-@output_option("USD file to write (.usd, .usdc, .usda).")
-@quality_option("Quality preset that gives rows and columns.  [default: final]")
+@output_option(
+    "USD file to write (.usd, .usdc, .usda). With --coverage, a picture (.png).", required=False
+)
+@click.option("--coverage", is_flag=True, help="Measure the bare skin of each tract instead.")
+@json_option("With --coverage: area, bare, count, largest_hole, overlap, exposed of each tract.")
+@quality_option("Quality preset that gives rows and columns.  [default: final; preview of coverage]")
 @presets_option
 @progress_option
 @options_of(GroomOptions, "instances", *DRAWN, *(each.name for each in fields(StageOptions)))
-def groom(groom: Path, quality: str | None, style: str, **options: Any) -> None:
-    """Write the feathers of GROOM (a TOML or USD file) at rest to USD, without time samples."""
+def groom(
+    groom: Path, quality: str | None, style: str, coverage: bool, as_json: bool, **options: Any
+) -> None:
+    """Write the feathers of GROOM (a TOML or USD file) at rest to USD, without time samples.
+
+    With --coverage, prints how feathers cover the skin, tract by tract, and draws it from six sides
+    where -o names a picture. Lengths are in m, areas in m2.
+    """
+    if coverage:
+        _measure_coverage(groom, quality or "preview", style, as_json, options)
+        return
+    if as_json:
+        raise click.UsageError("--json goes with --coverage")
+    if options["output"] is None:
+        raise click.UsageError("Missing option '-o' / '--output'.")
     with Progress("feathers", style):
         count = pipeline.export_groom(groom, quality=quality or "final", **options)
     feathers = "feather" if count == 1 else "feathers"
     click.echo(f"{options['output']}: {count} {feathers} at rest", err=True)
+
+
+def _measure_coverage(
+    groom: Path, quality: str, style: str, as_json: bool, options: Mapping[str, Any]
+) -> None:
+    own = {name: options[name] for name in ("output", "preset_folders", "overwrite")}
+    usual = {each.name: each.default for each in fields(GroomOptions)}
+    for name in sorted(options.keys() - own.keys()):
+        if options[name] != usual[name]:
+            raise click.UsageError(f"--{name.replace('_', '-')} does not go with --coverage")
+    with Progress("feathers", style):
+        found = pipeline.measure_coverage(groom, quality=quality, **own)
+    if as_json:
+        print_json(found)
+        return
+    for name, each in found["tracts"].items():
+        click.echo(
+            f"{name}: {each['count']} feathers on {1e4 * each['area']:.3g} cm2,"
+            f" {100.0 * each['bare']:.2g} % bare, largest hole {1e3 * each['largest_hole']:.2g} mm,"
+            f" overlap {each['overlap']:.2g}, {100.0 * each['exposed']:.2g} % of a vane exposed"
+        )
 
 
 @click.command(

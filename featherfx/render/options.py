@@ -105,11 +105,7 @@ def check_pixels(count: int, options: PictureOptions) -> list[Problem]:
 
 
 def check_options(path: Path, output: Path, options: PictureOptions) -> None:
-    problems = [
-        Problem("preview", "", f'{name} is not installed. Run pip install "featherfx[{extra}]"')
-        for module, name, extra in _libraries(output)
-        if importlib.util.find_spec(module) is None
-    ]
+    problems = find_missing_libraries("preview", output)
     for each in fields(options):
         value, allowed = getattr(options, each.name), each.metadata.get("allowed")
         if allowed and value not in (*allowed, each.default):
@@ -152,9 +148,13 @@ def _number_problems(options: PictureOptions) -> list[Problem]:
     return problems
 
 
-def _libraries(output: Path) -> list[tuple[str, str, str]]:
-    """Modules, their names for people, and the extras that hold them."""
+def find_missing_libraries(command: str, output: Path) -> list[Problem]:
+    """Find problems of libraries that drawing a file needs."""
     needed = [("embreex", "Embree", "preview"), ("PIL", "Pillow", "preview")]
     if output.suffix.lower() == ".mp4":
         needed.append(("imageio_ffmpeg", "imageio-ffmpeg", "film"))
-    return needed
+    return [
+        Problem(command, "", f'{name} is not installed. Run pip install "featherfx[{extra}]"')
+        for module, name, extra in needed
+        if importlib.util.find_spec(module) is None
+    ]

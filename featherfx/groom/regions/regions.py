@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
@@ -82,6 +82,48 @@ class _Region:
         return self.presence(points) * (1.0 if density is None else density)
 
 
+@dataclass(frozen=True)
+class Tracts:
+    """Skin that regions grow on, T triangles, in the order of the regions' meshes."""
+
+    _regions: tuple[_Region, ...]
+    _surfaces: tuple[SkinSurface, ...]
+
+    @property
+    def names(self) -> list[str]:
+        """Ids of the regions."""
+        return [each.entry["id"] for each in self._regions]
+
+    @cached_property
+    def corners(self) -> Array:
+        """(T, 3, 3) m."""
+        return np.concatenate([each.corners for each in self._surfaces])
+
+    @cached_property
+    def owners(self) -> Indices:
+        """(T,) number of the region that is most present at each triangle's middle, -1 where all
+        together are not by half."""
+        found = []
+        for surface in self._surfaces:
+            middles = surface.samples[-1]
+            own = [each.surface is surface for each in self._regions]
+            present = np.zeros((len(own), len(middles)))
+            for number in np.flatnonzero(own):
+                present[number] = self._regions[number].presence(middles)
+            found.append(np.where(present.sum(axis=0) < 0.5, -1, present.argmax(axis=0)))
+        return np.concatenate(found)
+
+    def at(self, triangle: Indices, barycentric: Array) -> tuple[Array, Array]:
+        """Points (N, 3) m and smooth unit normals within triangles (N,)."""
+        places, first = np.zeros((2, len(triangle), 3)), 0
+        for surface in self._surfaces:
+            last = first + len(surface.areas)
+            own = (triangle >= first) & (triangle < last)
+            found = surface.at(triangle[own] - first, barycentric[own])
+            places[:, own], first = (found.position, found.normal), last
+        return places[0], places[1]
+
+
 def grow_regions(
     raw: dict[str, Any],
     parts: dict[str, Any],
@@ -89,8 +131,8 @@ def grow_regions(
     store: KindStore,
     readers: GroomReaders | None,
     space: Space,
-) -> tuple[tuple[Draft, ...], Array | None]:
-    """Return feathers of all regions, and corners (T, 3, 3) m of their meshes.
+) -> tuple[tuple[Draft, ...], Tracts | None]:
+    """Return feathers of all regions, and the skin that they grow on.
 
     raw, parts: the groom as written and as checked. Problems go to place.
     """
@@ -129,8 +171,8 @@ def _region_drafts(
     store: KindStore,
     readers: GroomReaders,
     space: Space,
-) -> tuple[tuple[Draft, ...], Array | None]:
-    """The drafts of all [[region]]s and the corners (T, 3, 3) m of their meshes.
+) -> tuple[tuple[Draft, ...], Tracts | None]:
+    """The drafts of all [[region]]s and the skin that they grow on.
 
     No drafts, and None, after adding problems. skin: checked keys of [skin]. entries: place and
     checked keys of each region. place: of [skin].
@@ -166,14 +208,13 @@ def _region_drafts(
     _check_total(regions, counts, skin["max_feathers"], place)
     if len(place.problems) > count:
         return (), None
-    surfaces = [each.surface for each in skins.values()]
     drafts: list[Draft] = []
     with phase("growing", sum(counts)) as done:
         totals = accumulate(counts)
         for region, wanted, earlier, grown in zip(regions, counts, previous, totals, strict=True):
             drafts += _grown(region, wanted, regions, earlier)
             done(grown)
-    return tuple(drafts), np.concatenate([surface.corners for surface in surfaces])
+    return tuple(drafts), Tracts(tuple(regions), tuple(each.surface for each in skins.values()))
 
 
 def _region(

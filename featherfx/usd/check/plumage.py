@@ -98,7 +98,6 @@ def measure_plumage(
     found = {}
     for tract in ("all", *sorted({*regions.tolist()} - {""})):
         own = np.ones(len(contour), dtype=bool) if tract == "all" else regions == tract
-        size = length[own].mean() * np.sqrt(own.sum() / max(areas[own].sum(), _NO_AREA))
         found[tract] = {
             "feathers": int(own.sum()),
             "angle_mid_p50": float(np.median(middle[own])),
@@ -106,10 +105,16 @@ def measure_plumage(
             "angle_tip_p50": float(np.median(tip[own])),
             "tip_height_p90": float(np.percentile(height[own] / length[own], 90)),
             "neighbour_height_p50": float(np.median(steps[own])) if count else 0.0,
-            "overlap": float(size),
+            "overlap": measure_overlap(length[own], areas[own].sum()),
             "intersecting_pairs": sum(tract == "all" or tract in pair for pair in pairs),
         }
     return found
+
+
+def measure_overlap(lengths: Array, area: float) -> float:
+    """Return L sqrt(n / A) of feathers of lengths (n,) m on an area, m^2; 0 of none."""
+    count = len(lengths)
+    return float(lengths.mean() * np.sqrt(count / max(area, _NO_AREA))) if count else 0.0
 
 
 def _measure_rachis(points: Array, carriers: list[_Skin]) -> tuple[float, float, float, float]:
