@@ -47,7 +47,9 @@ from featherfx.usd.write.options import StageOptions
 )
 @click.option("--coverage", is_flag=True, help="Measure the bare skin of each tract instead.")
 @json_option("With --coverage: area, bare, count, largest_hole, overlap, exposed of each tract.")
-@quality_option("Quality preset that gives rows and columns.  [default: final; preview of coverage]")
+@quality_option(
+    "Quality preset that gives rows and columns.  [default: final; preview of coverage]"
+)
 @presets_option
 @progress_option
 @options_of(GroomOptions, "instances", *DRAWN, *(each.name for each in fields(StageOptions)))

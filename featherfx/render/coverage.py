@@ -1,8 +1,8 @@
 """Bare skin of a groom, tract by tract, and its picture. Independent of how feathers were laid.
 
 A place of the skin is covered where a ray along its normal meets any feather, no farther off than
-the longest feather of a region is long. A tract is the skin where its region is the one most present. Of each,
-and of `all`:
+the longest feather of a region is long. A tract is the skin where its region is most present. Of
+each, and of `all`:
 
     area            m^2
     bare            fraction of the area that is not covered
@@ -99,7 +99,10 @@ class Coverage:
         ]
         starts = np.cumsum([0, *map(len, points)])
         counts = [len(each.triangles) for each in surfaces]
-        self._points, self._owner = np.concatenate(points), np.repeat(np.arange(len(counts)), counts)
+        self._points, self._owner = (
+            np.concatenate(points),
+            np.repeat(np.arange(len(counts)), counts),
+        )
         self._triangles = np.concatenate(
             [each.triangles + start for each, start in zip(surfaces, starts, strict=False)]
         )

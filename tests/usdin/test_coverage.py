@@ -42,8 +42,12 @@ def raster(path):
         for corners in points[feather.surface.triangles]:
             if corners[:, 2].mean() < 0.0:
                 continue
-            low, high = (np.searchsorted(middles, f(corners[:, :2], axis=0)) for f in (np.min, np.max))
-            x, y = np.meshgrid(*(middles[a:b] for a, b in zip(low, high, strict=True)), indexing="ij")
+            low, high = (
+                np.searchsorted(middles, f(corners[:, :2], axis=0)) for f in (np.min, np.max)
+            )
+            x, y = np.meshgrid(
+                *(middles[a:b] for a, b in zip(low, high, strict=True)), indexing="ij"
+            )
             sides = [
                 (b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])
                 for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)
