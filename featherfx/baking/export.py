@@ -109,7 +109,7 @@ def measure_coverage(
     overwrite: bool = False,
     progress: Progress = False,
 ) -> dict[str, Any]:
-    """Measure how feathers cover the skin of a groom, tract by tract (featherfx/render/coverage.py).
+    """Measure how feathers cover the skin of a groom, tract by tract (render/coverage.py).
 
     output: picture to draw, .png; None: nothing is written. quality: name of the preset that gives
     rows and columns. preset_folders, progress: as in read_groom. Raises InputError.

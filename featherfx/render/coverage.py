@@ -153,7 +153,7 @@ class Coverage:
         corners = self._skin.corners.reshape(-1, 3)
         skin = _Rays(corners, np.arange(len(corners)).reshape(-1, 3))
         views = {name: np.array(axes) @ turn.T for name, axes in _VIEWS.items()}
-        sizes = [tile_size(*axes, corners) for axes in views.values()]
+        sizes = [tile_size(axes[0], axes[1], corners) for axes in views.values()]
         shape = np.round(_TILE_SCALE * np.max(sizes, axis=0)).astype(int)
         tiles = [label(self._view(skin, axes, shape), name) for name, axes in views.items()]
         colours = (("bare", CROSSED[1]), ("covered", CROSSED[0]), ("no region", _NO_REGION))
