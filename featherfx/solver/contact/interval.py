@@ -171,7 +171,7 @@ class ContactSolver:
             self._team, states, loads, paths, duration, substeps, iterations, free, shares
         )
         if not settling:
-            run.alone = run.step._replace(newton=max(run.step.newton, self.settings.newton))
+            run.alone = run.like_free(self.settings.newton, self.settings.frame)
         if led is not None:
             run.start[~free], run.now[~free] = led.start[~free], led.end[~free]
         self._fixed = np.zeros(len(free), dtype=np.int8) if led is None else led.fixed.astype("i1")

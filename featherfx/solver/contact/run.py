@@ -24,6 +24,7 @@ from featherfx.solver.solver import (
     COARSE_ERROR_RATIO,
     HARD_STEP_WORK,
     MAX_NEWTON_ITERATIONS,
+    UNSOLVED_DISTANCE_RATIO,
     Solver,
 )
 from featherfx.solver.state import RootPath, State, StepReport, carry_to, make_report
@@ -289,6 +290,18 @@ class BatchRun:
             hard=HARD_STEP_WORK,
             most_iterations=min(settings.max_iterations, iterations),
             unsolved=0.0,
+        )
+
+    def like_free(self, newton: float, frame: float) -> StepSettings:
+        """Return the step settings of feathers that nothing presses: they end as free ones do, with
+        their part of the work of a frame (s), since shorter common steps would not help them.
+        newton: m, at least, distance from the solution."""
+        own, part = self._step, self.duration / max(self.duration, frame)
+        whole = self._team.solvers[0].settings.max_iterations
+        return own._replace(
+            newton=max(own.newton, newton),
+            most_iterations=max(own.most_iterations, int(part * whole)),
+            unsolved=UNSOLVED_DISTANCE_RATIO,
         )
 
     def marks(self, island: Indices, fresh: Flags, soft: Bytes, fixed: Bytes) -> Marks:
