@@ -5,13 +5,28 @@ import pytest
 
 from featherfx.lab.networks.network import (
     FibreNetwork,
-    chain,
     held_displacements,
     homogenised,
     network_energy,
 )
 
 pytestmark = pytest.mark.verification
+
+
+def chain(count, length, stretch, bend, size):
+    """A straight fibre along x of count segments, clamped in direction at its first node."""
+    first = np.arange(count)
+    span = np.zeros((count, size))
+    span[:, 0] = length / count
+    return FibreNetwork(
+        nodes=count + 1,
+        ends=np.stack([first, first + 1], axis=1),
+        span=span,
+        stretch=np.full(count, stretch),
+        pairs=np.stack([first - 1, first], axis=1),
+        reach=length / count * np.where(first > 0, 2.0, 1.0),
+        bend=np.full(count, bend),
+    )
 
 
 @pytest.mark.parametrize("size", [2, 3])

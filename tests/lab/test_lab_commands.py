@@ -54,7 +54,7 @@ def test_rod_options_reach_the_rod():
 
 def test_modes_gives_frequencies_in_hz():
     found = values("modes", *ROD, "--line-mass", "0.01", "--count", "3")
-    assert list(found) == ["frequencies_hz"]
+    assert list(found) == ["frequencies_hz", "decrements"]
     first = 1.8751**2 * np.sqrt(2e-3 / 0.01) / 0.3**2 / (2 * np.pi)
     assert found["frequencies_hz"][:2] == pytest.approx([first, first], rel=2e-3)
     assert len(found["frequencies_hz"]) == 3
@@ -123,8 +123,8 @@ def test_tables_without_json():
 
 OPTIONS = {
     "rod": "length ei ei2 gj ea ga taper rest-curvature segments line-weight tip-force",
-    "modes": "length ei ei2 gj ea ga taper rest-curvature segments line-mass count kind air"
-    " presets",
+    "modes": "length ei ei2 gj ea ga taper rest-curvature segments line-mass count loss-factor"
+    " kind air presets",
     "air": "kind angles speed presets",
     "fall": "kind duration tolerance presets",
     "release": "length ei ei2 gj ea ga taper rest-curvature segments line-weight line-mass duration"

@@ -9,7 +9,6 @@ from featherfx.errors import InputError
 from featherfx.groom.presets.presets import load_preset
 from featherfx.lab.feathers.feather import feather_kind
 from featherfx.lab.networks.unit_cell import cell_moduli, cell_of, vane_of, vane_text
-from featherfx.lab.studies.unit_cell import elements, fitted_cell
 
 KIND = feather_kind("swan_primary")
 CELL = cell_of(KIND)
@@ -39,16 +38,6 @@ def test_energy_lies_between_nothing_and_the_affine_bound():
     assert gap.min() > -1e-9 * np.abs(found.affine).max()
 
 
-def test_fit_finds_the_cell_of_given_moduli():
-    there = cell_of(KIND, angle=50.0, barbule_diameter=9e-6)
-    # the fit keeps the number of crossings, so begin from one that has as many
-    begin = replace(there, barbule_diameter=7e-6)
-    found = cell_moduli(there)
-    again = fitted_cell(begin, found.across, found.shear)
-    assert again.angle == pytest.approx(there.angle, rel=1e-5)
-    assert again.barbule_diameter == pytest.approx(there.barbule_diameter, rel=1e-5)
-
-
 def test_saved_vane_is_a_preset(tmp_path):
     vane = vane_of(CELL, KIND.vane_material)
     folder = tmp_path / "material" / "vane"
@@ -74,8 +63,3 @@ def test_wrong_values(changes, key):
     with pytest.raises(InputError) as caught:
         cell_of(KIND, **changes)
     assert [problem.key for problem in caught.value.problems] == [key]
-
-
-@pytest.mark.verification
-def test_study_of_the_elements_agrees(tmp_path):
-    assert {row.verdict for row in elements(tmp_path).rows} == {"agrees"}

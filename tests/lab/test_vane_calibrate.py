@@ -82,7 +82,7 @@ def test_sets_that_cannot_tell_are_refused(curves, chosen, missing):
     with pytest.raises(InputError) as error:
         calibrate([curves[k] for k in chosen])
     assert {problem.key for problem in error.value.problems} == missing
-    assert "missing is a" in str(error.value)
+    assert "Missing is a" in str(error.value)
 
 
 def test_diagonal_and_falling_curves_are_refused(curves):
@@ -108,10 +108,10 @@ def test_csv_round_trip(curves, tmp_path):
         ("0.1,,0,0.01,0.01,1e-4", "line 2, stress: is empty"),
         ("0.1,nan,0,0.01,0.01,1e-4", "line 2, stress: nan is not finite"),
         ("0.1,x,0,0.01,0.01,1e-4", "'x' is not a number"),
-        ("0.1,5,0,0.01,0.01,120", "is this in micrometres"),
-        ("0.1,5,0,13,0.01,1e-4", "is this in millimetres"),
+        ("0.1,5,0,0.01,0.01,120", "Is this in micrometres"),
+        ("0.1,5,0,13,0.01,1e-4", "Is this in millimetres"),
         ("0.1,5,120,0.01,0.01,1e-4", "-90 to 90 degrees"),
-        ("5,5,0,0.01,0.01,1e-4", "is this in percent"),
+        ("5,5,0,0.01,0.01,1e-4", "Is this in percent"),
         ("-0.5,5,0,0.01,0.01,1e-4", "above -0.5"),
         ("0.1,5,0,0.01,0.01", "line 2, thickness: is empty"),
         ("", "holds no points"),

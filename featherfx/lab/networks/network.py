@@ -264,22 +264,6 @@ def joined(
     )
 
 
-def chain(count: int, length: float, stretch: float, bend: float, size: int = 2) -> FibreNetwork:
-    """A straight fibre along x of count segments, clamped in direction at its first node."""
-    first = np.arange(count)
-    span = np.zeros((count, size))
-    span[:, 0] = length / count
-    return FibreNetwork(
-        nodes=count + 1,
-        ends=np.stack([first, first + 1], axis=1),
-        span=span,
-        stretch=np.full(count, stretch),
-        pairs=np.stack([first - 1, first], axis=1),
-        reach=length / count * np.where(first > 0, 2.0, 1.0),
-        bend=np.full(count, bend),
-    )
-
-
 Method = Literal["pcg", "minres", "gmres", "direct", "cholmod"]
 Preconditioner = Literal["NONE", "P_J", "P_Db", "P_Ab", "P_S", "P_AS"]
 METHODS: tuple[Method, ...] = get_args(Method)

@@ -204,25 +204,6 @@ def cell_moduli(cell: UnitCell) -> CellModuli:
     )
 
 
-def scattered(membrane: Array, degrees: float) -> tuple[Array, Array]:
-    """Bounds (3, 3) N/m, from above and below, of a membrane whose barbs' directions scatter.
-
-    membrane: (3, 3) N/m for strains (vv, ww, 2 vw). degrees: standard deviation of the direction.
-    Equal strain (Voigt) bounds the stiffness from above, equal stress (Reuss) from below.
-    """
-    angles, weights = np.polynomial.hermite_e.hermegauss(64)
-    above, below = np.zeros((3, 3)), np.zeros((3, 3))
-    for angle, weight in zip(np.radians(degrees) * angles, weights / weights.sum(), strict=True):
-        c, s = np.cos(angle), np.sin(angle)
-        turn = np.array(
-            [[c * c, s * s, c * s], [s * s, c * c, -c * s], [-2 * c * s, 2 * c * s, c * c - s * s]]
-        )
-        turned = turn.T @ membrane @ turn
-        above += weight * turned
-        below += weight * np.linalg.inv(turned)
-    return above, np.asarray(np.linalg.inv(below))
-
-
 def bending_form(cell: UnitCell) -> Array:
     """(2, 2) N m, bending stiffness for curvatures along and across the barbs, twist none.
 

@@ -316,8 +316,6 @@ released_rod rods:released A rod let go
     chain of rigid links
 feather_masses feathers:masses Presets beside feathers that were weighed, shaken and pulled
     Harvey et al. 2022, data of AvInertia; abstracts of Deng et al. 2022 and others
-vane_traction vane:traction Traction of vane samples
-    Jouve 2024, chapter 4
 vane_locking vane:locking Locking of unaligned meshes
     Jouve 2024, figures 4.4 and 4.7; Jouve et al. 2024, figure 5
 vane_mesoscale vane:mesoscale Barbs and barbules as bands
@@ -328,10 +326,6 @@ vane_shear_modulus vane:shear_modulus Shear modulus of the membrane from tilted 
     Jouve 2024, tables 5.2 and D.2; Jouve et al. 2024, table 1
 vane_samples vane:samples The measured samples: tilted tests, Poisson effect, share of barbs
     Jouve 2024, table 3.1, section 3.3, figures 3.10, 5.6, 5.8 and D.3
-vane_penalty vane:penalty Stiff barbs beside barbs of constant length
-    Jouve et al. 2024, figure 6
-vane_calibration vane:calibration Moduli recovered from stress-strain curves
-    Jouve 2024, chapter 5
 vane_angles vane:angles Slopes at all angles, and the shear band
     Jouve 2024, figures 5.11 and 5.12; Jouve et al. 2024, figures 9 and 11
 ribbon_cantilever ribbons:cantilever Ribbon and rod clamped level, under their weight
@@ -352,8 +346,6 @@ full_feather_tip full_feather:tip_pull A whole feather, its tip pulled
     Jouve 2024, figure 6.5
 guard_truss full_feather:guard Does a penalty on lost area make a truss buckle?
     Jouve 2024, equation 6.6 and figure 6.8
-fibre_elements unit_cell:elements Bend triplets: cantilever, plane against space, affine bound
-    Houghton 2020, chapters 3, 5 and 6
 fibre_lattice networks:lattice Triangular lattices, whole and diluted, and their iterative solution
     Houghton 2020, section 5.3, tables 5.4 and 5.5; section 2.2.4
 fibre_random networks:random Random networks: rigidity, affinity, iterative solution
@@ -376,8 +368,6 @@ fibre_rupture tissue:rupture A membrane of fibres is pulled until it tears
     Jacquemoud 2007, sections 4.5 and 4.6
 tissue_laws tissue:laws Laws of soft tissue with the parameters printed for skin
     Jacquemoud 2007, sections 2.4 to 2.6, tables 2-1, 2-2 and A5-3
-unit_cell unit_cell:lattice The vane as a lattice of barbs and barbules
-    Houghton 2020, applied to the moduli of Jouve 2024, tables 5.1 and 5.2
 contact_rest contact:plates_at_rest Plates that bear each other's load
     Timoshenko and Young 1961
 contact_motion contact:plates_in_motion Plates that swing, slide and collide

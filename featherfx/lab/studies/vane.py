@@ -7,7 +7,6 @@ barbs.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,6 @@ from featherfx.lab.studies.study import (
     published,
 )
 from featherfx.lab.vane import pictures
-from featherfx.lab.vane.calibrate import CALIBRATED, MeasuredCurve, calibrate
 from featherfx.lab.vane.mesoscale import (
     FIT_POINTS,
     TRANSVERSE_STRAIN,
@@ -72,22 +70,6 @@ _LINEAR = "one layer of three-node triangles across each band, too stiff in bend
 RESOLVED = independent(
     "bands of barbs and barbules, resolved one by one (another model, the same kind of elements)"
 )
-
-
-def traction(folder: Path) -> StudyResult:
-    """Closed forms, and convergence of the slope at all angles below the bridging one."""
-    rows = Comparisons()
-    given = ourselves("the modulus that was given to the sample, which is pulled evenly")
-    for angle, modulus in ((0.0, _SWAN.across), (90.0, _SWAN.along)):
-        found = pull_test(Traction(Sample(angle, *_SIZE), _SWAN, 0.05, 5, 2000)).slope
-        rows.compare(f"slope at {angle:g} degrees", found, modulus, 1e-8, given, unit="Pa")
-    mesh = ourselves("an aligned mesh of 60,000 elements")
-    for angle, allowed in ((15.0, 0.01), (30.0, 0.01), (45.0, 0.02), (50.0, 0.02), (53.0, 0.02)):
-        test = Traction(Sample(angle, *_SIZE), _SWAN, 1e-3, 1, 8000)
-        fine = pull_test(replace(test, elements=60_000)).slope
-        name = f"slope at {angle:g} degrees with 8,000 elements"
-        rows.compare(name, pull_test(test).slope, fine, allowed, mesh, unit="Pa")
-    return StudyResult(rows)
 
 
 def locking(folder: Path) -> StudyResult:
@@ -248,57 +230,6 @@ def _hindered(bands: Bands, printed: float) -> Comparisons:
     return rows
 
 
-def penalty(folder: Path) -> StudyResult:
-    """Figure 6 of the paper: iterations and evenness of the curve against the barbs' modulus."""
-    sample = Sample(45.0, *_SIZE)
-    strain = strains(0.2, 8)
-    rows = Comparisons()
-    bound = ourselves("a bound of ours")
-    curves = {}
-    for ratio in (1e2, 1e4, 1e6, math.inf):
-        limit = math.isinf(ratio)
-        moduli = replace(_SWAN, along=_SWAN.across * (1.0 if limit else ratio))
-        model = Traction(sample, moduli, 0.2, 8, 1000, model="inextensible" if limit else "shell")
-        name = "barbs of constant length" if limit else f"ratio {ratio:g}"
-        pulled = pull_test(model)
-        curves[ratio] = pulled.stress
-        text = f"Newton's iterations a step, {name}"
-        count = pulled.pose.iterations / len(strain)
-        note = "the text's solver ran for 50 and 100 in all"
-        rows.bound(text, count, bound, at_most=6.0, note=note)
-        bumps = float(np.abs(np.diff(pulled.stress, 3)).max() / pulled.stress[-1])
-        rows.bound(f"unevenness of the curve, {name}", bumps, bound, at_most=0.01)
-        if not limit:
-            plain = pull_test(model, textbook=True)
-            text = f"iterations a step as the textbook has them, {name}"
-            note = f"{plain.pose.descents} steps found only by following the energy downhill"
-            rows.report(text, plain.pose.iterations / len(strain), note=note)
-    gap = float(curves[1e6][-1] / curves[math.inf][-1])
-    words = ourselves("barbs of constant length")
-    rows.compare("stress at the ratio 1e6 over the limit's", gap, 1.0, 0.02, words)
-    return StudyResult(rows)
-
-
-def calibration(folder: Path) -> StudyResult:
-    """Round trips of the calibration, without noise and with 2 %."""
-    clean = [_curve(0.0, 0.3), _curve(90.0, 0.01), _curve(45.0, 0.1)]
-    generator = np.random.default_rng(_SEED)
-    noisy = [
-        replace(c, stress=c.stress * (1.0 + _NOISE * generator.standard_normal(c.stress.shape)))
-        for c in clean
-    ]
-    rows = Comparisons()
-    given = ourselves("the moduli that the curves were made with, by the model that is inverted")
-    for curves, allowed, name in ((clean, 1e-3, "no noise"), (noisy, 0.05, "2 % noise")):
-        found = calibrate(curves)
-        for key in CALIBRATED:
-            text = f"{key}, {name}"
-            rows.compare(
-                text, getattr(found.moduli, key), getattr(_SWAN, key), allowed, given, unit="Pa"
-            )
-    return StudyResult(rows)
-
-
 def angles(folder: Path) -> StudyResult:
     """Figures 5.11 and 5.12: slopes at all angles, and the shear band."""
     bands = SwanBands(0.14, _SPACING).bands()
@@ -325,12 +256,6 @@ def angles(folder: Path) -> StudyResult:
         *pictures.band_picture(folder / "vane_bands.png", found),
     )
     return StudyResult(rows, figures)
-
-
-def _curve(angle: float, largest: float) -> MeasuredCurve:
-    sample = Sample(angle, *_SIZE)
-    pulled = pull_test(Traction(sample, _SWAN, largest, 8, 8000))
-    return MeasuredCurve(sample, pulled.strain, pulled.stress)
 
 
 _THESIS = "Jouve 2024"

@@ -309,8 +309,7 @@ class Statics:
     membrane: constant data. held: (N,) bool, nodes whose positions are prescribed. Unknowns are
     the coordinates of the others and the tensions of chains that are not held at both ends.
     folding: let elements turn over, as they do where a mesh locks. accuracy: share of its energy
-    that a step of a descent must win to be followed by another. textbook: Newton's iterations take
-    the stresses of the pose itself, which is kept as a measure.
+    that a step of a descent must win to be followed by another.
     """
 
     def __init__(
@@ -320,9 +319,7 @@ class Statics:
         *,
         folding: bool = False,
         accuracy: float = 1e-10,
-        textbook: bool = False,
     ) -> None:
-        self._textbook = textbook
         self.system = MembraneSystem(membrane, held, folding=folding)
         self.membrane, self._accuracy = membrane, accuracy
         self._chains = membrane.chains[~held[membrane.chains].all(axis=1)]
@@ -399,11 +396,7 @@ class Statics:
             if not size < _ASTRAY:
                 raise NoEquilibrium("the iterations diverge")
             positions = pose.positions + step
-            stresses = (
-                self.system.stresses(positions)
-                if self._textbook
-                else self.system.predicted_stresses(pose.positions, step)
-            )
+            stresses = self.system.predicted_stresses(pose.positions, step)
             moved = replace(pose, positions=positions, stresses=stresses)
             pose = replace(moved, tensions=tensions, iterations=pose.iterations + 1)
             if iteration and size < _CLOSE and last < 1e3 * _CLOSE:
