@@ -14,6 +14,9 @@ import featherfx as ffx
 from featherfx.errors import InputError, InputWarning
 
 GPA = "overrides = {{ {} = 6 }}\nwidth = 1.5"
+FLAT = '[[channel]]\nname = "turn"\nkeys = [1, 0, 12, 35]\n[motion]'
+ROW = '[[row]]\nid = "right_secondary"'
+ROWS = f'[overrides."right_secondary_0*"]\nwidth = 1.1\n{ROW.replace("row", "rows")}'
 # file of swan_wing, what it says, what is written instead, and what is told of it
 IN_FILES = [
     ("shot", "frames = [1, 24]", "frames = [24, 1]", ":4: frames: the last frame 1 comes before"),
@@ -63,6 +66,9 @@ IN_FILES = [
         "friction: 5 is out of range. Give 0 to",
     ),
     ("groom", 'region = "primaries"', "length = 0.4", "did you mean overrides.length?"),
+    ("shot", "[motion]", FLAT, "[1, 0, 12, 35] holds no arrays. Give 1 to 10000 arrays of 2 numb"),
+    ("groom", "[[joint]]", "[[joints]]", "joints: unknown key, did you mean 'joint'?"),
+    ("groom", ROW, ROWS, "rows: unknown key, did you mean 'row'?"),
     ("groom", "[variation]", "[[variation]]", "Write [variation] with one bracket"),
     ("groom", "first = {", "first = [", "Write keys and their values in { }"),
     ("groom", '[[row]]\nid = "right_p', '[row]\nid = "right_p', "Write [[row]] with two brackets"),
@@ -140,6 +146,8 @@ ON_BIRDS = [
 PULL = "feather_pull/shot.toml"
 TYPED = [
     (f"bake {PULL} --qualty draft", "No such option '--qualty'. Did you mean '--quality'?"),
+    (f"bake {PULL} --draft", "No such option --draft. Did you mean '--quality draft'?"),
+    ("preview first_bird/body.usdc --top", "No such option --top. Did you mean '--view top'?"),
     (f"bake {PULL} --wind gust", "No such option --wind: wind is a key of shots. Write it there"),
     (f"bake {PULL} --frames 1,24", "'1,24' is not a range of frames such as 1-24 or 12"),
     (f"bake {PULL} --feathers 5/4", "'5/4' is not a share such as 1/4, or some such as 1-3/4"),

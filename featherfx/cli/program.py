@@ -22,7 +22,7 @@ import threading
 import time
 import traceback
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -153,6 +153,16 @@ class _WithExamples(click.Command):
                     formatter.write(f"{'':{formatter.current_indent}}{line.strip()}\n")
 
 
+def _choices(param: click.Parameter) -> Collection[str]:
+    """Return the words that an option takes, where they are known."""
+    if "--quality" in param.opts:
+        from featherfx.groom.keys.problems import Problems
+        from featherfx.groom.presets.library import Library
+
+        return Library((), Problems()).names("quality")
+    return [str(each) for each in getattr(param.type, "choices", ())]
+
+
 class Command(_WithExamples):
     """A command that takes --log and --verbose. sections: titles in its help, each before the
     option that it begins with."""
@@ -170,13 +180,16 @@ class Command(_WithExamples):
         except click.NoSuchOption as error:
             from featherfx.shot.read.keys import SHOT_FILE
 
+            told = f"No such option {error.option_name}"
             key = error.option_name.lstrip("-").replace("-", "_")
-            if key in SHOT_FILE.keys:
-                told = (
-                    f"No such option {error.option_name}: {key} is a key of shots. Write it there."
-                )
-                raise click.UsageError(told, ctx) from error
-            raise
+            takers = [each.opts[-1] for each in self.params if key in _choices(each)]
+            if takers:
+                told = f"{told}. Did you mean '{takers[0]} {key}'?"
+            elif key in SHOT_FILE.keys:
+                told = f"{told}: {key} is a key of shots. Write it there."
+            else:
+                raise
+            raise click.UsageError(told, ctx) from error
         for param in order:
             if getattr(param.type, "once", False) and order.count(param) > 1:
                 name = param.opts[-1]

@@ -137,7 +137,7 @@ def test_a_loop_of_another_period_is_refused(tmp_path):
         (["--speed", "0"], 2, "x>0"),
         (["--speed", "nan"], 1, "above 0"),
         (["--speed", "1e-9"], 1, "allowed 3.1e-05 to 31"),
-        (["--loop", "31"], 1, "Give 1 to 30"),
+        (["--loop", "31"], 1, "at least 33. This one has 32"),
     ],
 )
 def test_wrong_times_are_refused(tmp_path, swings, options, code, told):

@@ -168,6 +168,9 @@ class ArrayOf:
             return place.fail(
                 f"has {len(value)} item{'s' * (len(value) != 1)}. Give {self._items()}"
             )
+        if isinstance(self.item, ArrayOf) and not any(isinstance(each, list) for each in value):
+            rows = ", ".join([f"[{', '.join(map(shown, value[: self.item.least]))}]", "..."])
+            return place.fail(f"{shown(value)} holds no arrays. Give {self._items()}: [{rows}]")
         items = tuple(self.item.check(each, place.item(i), False) for i, each in enumerate(value))
         return INVALID if any(each is INVALID for each in items) else items
 

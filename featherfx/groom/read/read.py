@@ -17,7 +17,7 @@ from featherfx.algebra.rotation import about_x
 from featherfx.algebra.types import Array
 from featherfx.errors import InputWarning
 from featherfx.groom.keys.groom import GROOM_FILE
-from featherfx.groom.keys.problems import INVALID, MAX_REPORTED, Place, Problems
+from featherfx.groom.keys.problems import INVALID, MAX_REPORTED, Place, Problems, closest
 from featherfx.groom.presets.kind_store import KindStore
 from featherfx.groom.presets.kinds import Change
 from featherfx.groom.presets.library import Library, sourced
@@ -135,7 +135,8 @@ def groom_of(
 
         limb_drafts, limb_joints = grow_limbs(parts, store, library, space)
     # of a wrong joint, what names it has no fault
-    has_all_joints = len(parts["joint"]) == len(_list(raw, "joint"))
+    misspelt = closest("joint", [each for each in raw if each not in GROOM_FILE.keys], 1)
+    has_all_joints = not misspelt and len(parts["joint"]) == len(_list(raw, "joint"))
     joints = _joints(parts["joint"], limb_joints, space, has_all_joints)
     region_drafts: tuple[Draft, ...] = ()
     tracts: Tracts | None = None
@@ -299,11 +300,13 @@ def _joint_pair(entry: dict[str, Any], at: Place, space: Space) -> list[Joint]:
 
 
 def _written_ids(raw: Mapping[str, Any]) -> list[str]:
-    """Ids as [[feather]] and [[row]] would have them, of a row the first."""
-    tables = [
-        (each, end) for kind, end in (("feather", ""), ("row", "_01")) for each in _list(raw, kind)
+    """Ids as [[feather]] and [[row]], or misspelt ones, would have them, of a row the first."""
+    names = [
+        f"{each['id']}{'_01' if 'count' in each else ''}"
+        for kind in raw
+        for each in _list(raw, kind)
+        if isinstance(each.get("id"), str)
     ]
-    names = [f"{each['id']}{end}" for each, end in tables if isinstance(each.get("id"), str)]
     return [*names, *filter(None, map(other_side, names))]
 
 

@@ -113,7 +113,7 @@ def map_speed(speed: float, range_: tuple[float, float]) -> TimeMap:
     if not 1.0 <= frames <= _MAX_FRAMES:
         allowed = f"allowed {(last - first) / _MAX_FRAMES:g} to {last - first:g}"
         raise _argument_error(
-            "speed", f"is {speed:g}, {allowed} for a cache of {last - first:g} frames"
+            "speed", f"is {speed:g}, {allowed} for a cache of {last - first + 1:g} frames"
         )
     return map_keys([(first, first), (first + frames, last)], range_)
 
@@ -128,7 +128,10 @@ def map_loop(frames: int, range_: tuple[float, float]) -> TimeMap:
     start = last - frames
     fade = min(start - first, frames)
     if not (frames >= 1 and fade >= 1):
-        message = f"is {frames}. Give 1 to {int(last - first) - 1}, fewer than the cache has"
+        message = (
+            f"a loop of {frames} frames is blended with those before it, so it needs a cache of"
+            f" at least {max(frames, 1) + 2}. This one has {last - first + 1:g}"
+        )
         raise _argument_error("loop", message)
 
     def parts(frame: float) -> tuple[BlendedTime, ...]:
