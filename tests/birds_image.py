@@ -26,10 +26,7 @@ bare = [{{ primvar = "beak" }}, {{ primvar = "eye" }}]
 
 def run(folder: Path, *command: str) -> str:
     """Run a program in a folder and return its output."""
-    done = subprocess.run(
-        [sys.executable, *command], cwd=folder, check=True, capture_output=True, text=True
-    )
-    return done.stdout
+    return subprocess.check_output([sys.executable, *command], cwd=folder, text=True)
 
 
 def draw_bird(bird: str, folder: Path) -> Image.Image:

@@ -416,18 +416,17 @@ def bake_many(
     progress: Progress = False,
     **options: Any,
 ) -> dict[str, Any]:
-    """Bake shots by workers of a Dask cluster, each with the bytes of a bake by itself, and return
-    the report of the job.
+    """Bake shots by workers of a Dask cluster and return the report of the job.
 
-    output: a folder, made where it is missing, which takes a .usdc named after each shot's file;
-    for one shot also a USD file. scheduler: address of one that is there; None: a cluster of
-    processes of this machine is started, and ends with the job. workers: its processes, by default
-    one for each core; of a scheduler, how many to wait for (default 1). shares: into how many each
-    shot is cut, by default about two for each worker. progress: True for lines on stderr, or a
-    function of the frames done of all shots and their number. options: fields of
-    featherfx.baking.options.BakeOptions; jobs are the threads of each worker. Workers need the same
-    paths for shots, what these name, and the output (docs/farm.md). What goes on is told to the
-    logger "featherfx.farm".
+    Each gets the bytes of a bake by itself. output: a folder, made where it is missing, which takes
+    a .usdc named after each shot's file; for one shot also a USD file. scheduler: address of one
+    that is there; None: a cluster of processes of this machine is started, and ends with the job.
+    workers: its processes, by default one for each core; of a scheduler, how many to wait for
+    (default 1). shares: into how many each shot is cut, by default about two for each worker.
+    progress: True for lines on stderr, or a function of the frames done of all shots and their
+    number. options: fields of featherfx.baking.options.BakeOptions; jobs are the threads of each
+    worker. Workers need the same paths for shots, what these name, and the output (docs/farm.md).
+    What goes on is told to the logger "featherfx.farm".
 
     Raises InputError with all that is wrong with any shot before any work; afterwards, with the
     shots that could not be baked, when all others are done. Needs the extra "dask".

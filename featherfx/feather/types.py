@@ -127,7 +127,7 @@ class FeatherSurface:
         return np.asarray(values.nodes[..., self.row, self.node, :] + along + up)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Feather:
     """Rest geometry of one feather, n rows, m columns a side, feather frame, metres.
 
@@ -164,6 +164,9 @@ class Feather:
     surface: FeatherSurface
     split: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0, 0, 2), dtype=np.bool_))
     unsplit: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
+
+    def __repr__(self) -> str:
+        return f"Feather({self.rows} rows, {self.columns} columns)"
 
     @property
     def points(self) -> Array:

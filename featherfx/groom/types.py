@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from featherfx.algebra.types import Array
+from featherfx.errors import count_feathers
 from featherfx.groom.document import Document, Documented
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.places import POINT
@@ -365,7 +366,7 @@ class Placement:
     mirrored: bool = False
     skin: str = ""
     skin_uv: tuple[float, float] | None = None
-    prototype: FeatherKind | None = None
+    prototype: FeatherKind | None = field(default=None, repr=False)
     size: float = 1.0
     rank: int = -1
     grown: bool = False
@@ -391,7 +392,7 @@ class Layout:
     ] = 0.0025
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Groom(Documented):
     """Feathers and their places. Frame: z up, metres.
 
@@ -419,4 +420,7 @@ class Groom(Documented):
     inputs: Mapping[str, str] = field(default_factory=dict)
     skin_keys: Mapping[str, Any] | None = None
     forward: tuple[float, float, float] = (1.0, 0.0, 0.0)
-    document: Document | None = field(default=None, init=False, repr=False, compare=False)
+    document: Document | None = field(default=None, init=False, compare=False)
+
+    def __repr__(self) -> str:
+        return f"Groom({self.name!r}, {count_feathers(len(self.feathers))})"

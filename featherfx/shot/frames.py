@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isfinite
 
@@ -43,9 +43,9 @@ class Frame:
 
     number: float
     time: float
-    poses: tuple[FeatherPose, ...]
-    ids: Sequence[str] = ()
-    feathers: Sequence[Feather] = ()
+    poses: tuple[FeatherPose, ...] = field(repr=False)
+    ids: Sequence[str] = field(default=(), repr=False)
+    feathers: Sequence[Feather] = field(default=(), repr=False)
 
     def in_seconds_of(self, ratio: float) -> Frame:
         """Return the frame with rates per second of a stage whose seconds have so many times the

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import numpy as np
 
 from featherfx.algebra.types import Array
-from featherfx.errors import require_type
+from featherfx.errors import count_feathers, require_type
 from featherfx.groom.document import Document, Documented
 from featherfx.groom.keys.preset import PRESET_FAMILIES, UNSCALED_CLOCK, Clock, Quality, Wind
 from featherfx.groom.keys.values import ArrayOf, Default, Number, Text, vector
@@ -425,7 +425,7 @@ class MeasuredGrid(NamedTuple):
     is_unique: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Shot(Documented):
     """All that a bake needs. first_frame, last_frame: both baked. gravity: (3,).
 
@@ -533,7 +533,11 @@ class Shot(Documented):
     targets: tuple[Target, ...] = ()
     grids: Mapping[str, MeasuredGrid] | None = None
     inputs: Mapping[str, str] = field(default_factory=dict)
-    document: Document | None = field(default=None, init=False, repr=False, compare=False)
+    document: Document | None = field(default=None, init=False, compare=False)
+
+    def __repr__(self) -> str:
+        frames = f"frames {self.first_frame} to {self.last_frame}"
+        return f"Shot({self.name!r}, {count_feathers(len(self.groom.feathers))}, {frames})"
 
     def with_quality(self, quality: str | Quality) -> Shot:
         """Return it at another quality, a preset's name or a value. Raises InputError."""

@@ -38,15 +38,14 @@ def test_the_package_lists_what_it_has_and_all_of_it_is_documented():
 
 SNIPPET = """
 import featherfx as ffx
-
 shot = ffx.read_shot("shot.toml")
 shot = shot.with_overrides({"*primary_*": {"rachis.youngs_modulus": 6e9}}).with_quality("draft")
-cache = ffx.bake(shot, "out.usdc", progress=True)
-points = cache["left_primary_03"].points(12)
-for frame in ffx.simulate(shot, frames=(1, 3)):
+cache = ffx.bake(shot, "out.usdc", progress=True)      # a Shot or a path; returns an open cache with .report
+points = cache["left_primary_03"].points(12)            # (V, 3) m; also cache.ids, len(cache), iteration, .velocities
+for frame in ffx.simulate(shot, frames=(1, 3)):         # a mapping of ids to numpy views
     print(frame.number, frame.points["left_primary_03"].shape)
 groom = ffx.Groom.from_dict({"name": "one", "feather": [{"id": "a", "kind": "swan_primary", "position": [0, 0, 0], "direction": [1, 0, 0], "up": [0, 0, 1]}]})
-problems, costs = ffx.check(shot), ffx.stats(groom)
+problems, costs = ffx.check(shot), ffx.stats(shot)
 """  # noqa: E501
 
 
@@ -64,7 +63,9 @@ def test_the_example_of_a_program_runs(tmp_path, monkeypatch, capsys):
     assert frame.velocities["left_primary_03"] == pytest.approx(track.velocities(3), abs=1e-4)
     assert cache.ids == tuple(frame.points)
     assert known["problems"] == ffx.check(known["groom"]) == []
-    assert known["costs"]["feathers"] == 1
+    assert known["costs"]["feathers"] == 20
+    assert repr(known["shot"]) == "Shot('swan_wing', 20 feathers, frames 1 to 24)"
+    assert all(len(repr(each)) < 80 for each in (frame, track, known["groom"]))
     with pytest.raises(ffx.InputError, match=r"frame: 25 is not in the cache\. Give 1 to 24"):
         track.points(25)
 

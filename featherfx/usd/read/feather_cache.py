@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from numbers import Real
 from pathlib import Path
@@ -24,8 +24,8 @@ class FeatherTrack:
     id: str
     kind: str
     region: str
-    _cache: Cache
-    _index: int
+    _cache: Cache = field(repr=False)
+    _index: int = field(repr=False)
 
     @property
     def triangles(self) -> Indices:
