@@ -75,12 +75,24 @@ def read_document(document: Document) -> Groom | Shot:
     files: list[Path] = []
     reads: list[StageRead] = []
     with listen_to_reads(reads.append):
-        read: Groom | Shot = (
-            lay_out(groom_as_written(document, files.append))
-            if document.kind == "groom"
-            else place_feathers(shot_as_written(document, files.append))
-        )
+        read: Groom | Shot
+        if document.kind == "groom":
+            read = lay_out(groom_as_written(document, files.append))
+        else:
+            shot = place_feathers(shot_as_written(document, files.append))
+            read = replace(shot, groom=shot.groom.documented(_groom_document(document)))
     return read.documented(replace(document, files=tuple(files), reads=tuple(reads)))
+
+
+def _groom_document(shot: Document) -> Document:
+    """Return the tables of a shot's groom, with the shot's overrides."""
+    groom, source = shot.tables["groom"], shot.source
+    if isinstance(groom, str):
+        source = source.parent / groom
+        groom = load_tables(source)
+    document = Document("groom", groom, source, shot.preset_folders)
+    overrides = shot.tables.get("overrides")
+    return document.with_overrides(overrides) if overrides else document
 
 
 def groom_as_written(

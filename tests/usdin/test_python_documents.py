@@ -129,6 +129,16 @@ def test_a_saved_shot_is_the_same_from_another_folder(shot, tmp_path):
         changed.to_toml(tmp_path / "a.usda")
 
 
+def test_the_groom_of_a_shot_is_changed_with_what_the_shot_overrides(shot, tmp_path):
+    stiff = shot.with_overrides({"*primary_*": {"rachis.youngs_modulus": 6e9}})
+    groom = stiff.groom.replace(variation=None)
+    again = shot.replace(groom=groom).groom
+    assert [each.kind for each in again.feathers] == [each.kind for each in groom.feathers]
+    moduli = {each.kind.rachis_material.youngs_modulus for each in again.feathers}
+    assert moduli == {6e9, shot.groom.feathers[0].kind.rachis_material.youngs_modulus}
+    assert ffx.read_groom(shot.groom.to_toml(tmp_path / "groom.toml")).name == shot.groom.name
+
+
 def test_a_shot_may_hold_its_groom(tmp_path):
     shot = ffx.Shot.from_dict({"name": "s", "groom": one_feather(), "frames": (1, 2)})
     again = ffx.read_shot(shot.to_toml(tmp_path / "s.toml"))
