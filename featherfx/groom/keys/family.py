@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any
 
 from featherfx.groom.keys.problems import Place
-from featherfx.groom.keys.values import REQUIRED, JsonSchema, Key, Table, Text, one_of_types
+from featherfx.groom.keys.values import REQUIRED, JsonSchema, Key, Table, Text, one_of_types, shown
 
 _BASE = Key(
     Text(),
@@ -33,6 +33,9 @@ class Preset:
     def check(self, value: Any, place: Place, partial: bool) -> Any:
         if isinstance(value, str):
             value = {"base": value}
+        if not isinstance(value, dict | list):
+            told = "Give its name in quotes, or a table that extends one"
+            return place.fail(f"{shown(value)} is not a {self.family} preset. {told}")
         return self.extended.check(value, place, True)
 
     def describe(self) -> tuple[str, str, str]:

@@ -6,7 +6,8 @@ import difflib
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from importlib import import_module
 from typing import Any, NoReturn
 
 from featherfx.errors import InputError, Problem
@@ -18,6 +19,7 @@ INVALID = object()
 MAX_REPORTED = 20
 # known names that are all listed, and those that are where there are more
 _MAX_KNOWN, _FEW = 24, 5
+_ALIKE = 0.63  # least share of two names that is common, for one to be meant by the other
 _SHORT = 5  # characters; others must be nearly as long
 _LONGEST_COMPARED = 200  # characters; comparing takes their square
 
@@ -120,6 +122,8 @@ class Place:
             return self.fail(f"unknown key, did you mean {' or '.join(below)}?")
         if name == self.key and name in self.problems.groom_keys:
             return self.fail("is a key of grooms. Write it in the groom")
+        if name == self.key and self.problems.groom_keys and name in _bake_options():
+            return self.fail(f"is an option of commands. Write --{name.replace('_', '-')} there")
         if "." in self.key and name in self.problems.file_keys:
             return self.fail("unknown key here. Write it above the first table of the file")
         return self.unknown("unknown key", name, names)
@@ -130,6 +134,12 @@ class Place:
         return f"{message}, {near}" if near else message
 
 
+def _bake_options() -> set[str]:
+    """Return the names of options of bakes."""
+    # what bakes stands above what is read
+    return {each.name for each in fields(import_module("featherfx.baking.options").BakeOptions)}
+
+
 def closest(name: str, names: Sequence[str], most: int) -> list[str]:
     """Names that are like one, the likest first; none where it is too long to compare."""
     if len(name) > _LONGEST_COMPARED:
@@ -138,7 +148,7 @@ def closest(name: str, names: Sequence[str], most: int) -> list[str]:
     short = [each for each in compared if "".join(part[:1] for part in each.split("_")) == name]
     if len(name) <= _SHORT:
         compared = [each for each in compared if abs(len(each) - len(name)) <= 1]
-    return short[:most] or difflib.get_close_matches(name, compared, n=most, cutoff=0.6)
+    return short[:most] or difflib.get_close_matches(name, compared, n=most, cutoff=_ALIKE)
 
 
 def nearest(name: str, names: Iterable[str]) -> str:

@@ -168,7 +168,7 @@ class ArrayOf:
             return place.fail(
                 f"has {len(value)} item{'s' * (len(value) != 1)}. Give {self._items()}"
             )
-        if isinstance(self.item, ArrayOf) and not any(isinstance(each, list) for each in value):
+        if value and isinstance(self.item, ArrayOf) and not any(type(x) is list for x in value):
             rows = ", ".join([f"[{', '.join(map(shown, value[: self.item.least]))}]", "..."])
             return place.fail(f"{shown(value)} holds no arrays. Give {self._items()}: [{rows}]")
         items = tuple(self.item.check(each, place.item(i), False) for i, each in enumerate(value))
@@ -462,10 +462,14 @@ class Named:
         if len(value) > MAX_PATTERNS:
             place.fail(f"has {len(value)} keys. Give at most {MAX_PATTERNS}")
             return {}
-        result = {
-            name: self.item.check(each, place.child(f'"{name}"'), partial)
-            for name, each in value.items()
-        }
+        result = {}
+        for name, each in value.items():
+            at = place.child(f'"{name}"')
+            if not isinstance(each, dict) and name in getattr(_whole(self.item), "keys", {}):
+                told = f'Write [{place.key}."NAME"] above it, with a name or pattern'
+                result[name] = at.fail(f"stands below no name. {told} such as *")
+            else:
+                result[name] = self.item.check(each, at, partial)
         return {name: each for name, each in result.items() if each is not INVALID}
 
     def describe(self) -> tuple[str, str, str]:

@@ -159,8 +159,11 @@ class Library:
 
     def finish(self, family: str, tree: Tree, place: Place) -> Tree:
         """The tree with materials resolved and defaults filled in. Raises InputError."""
-        kind = tree.get("kind")
-        table = PRESET_FAMILIES[family].finished(kind.value if isinstance(kind, Sourced) else "")
+        preset, kind = PRESET_FAMILIES[family], tree.get("kind")
+        if preset.kinds and not isinstance(kind, Sourced):
+            told = f"missing, expects one of {', '.join(preset.kinds)}, unless a base is given"
+            place.child("kind").refuse(told)
+        table = preset.finished(kind.value if isinstance(kind, Sourced) else "")
         return self._finish(table, tree, place)
 
     def _finish(self, table: Table, tree: Tree, place: Place) -> Tree:
