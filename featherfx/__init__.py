@@ -2,9 +2,9 @@
 
 `read_shot` and `read_groom` read files; a `Shot` or `Groom` may be made and changed in memory, too.
 `simulate` gives frames as arrays; `bake` writes a cache and opens it, `open_cache` opens an earlier
-one. `bake_many`, `check`, `stats`, `export`, `export_groom`, `join`, `plan` and `retime` do what
-the commands of the same kind do; `build` and `expand` make meshes. All are loaded when first asked
-for, so that `import featherfx` stays light. docs/python.md shows them at work.
+one. `bake_many`, `check`, `stats`, `export`, `export_groom`, `join`, `plan`, `retime` and `sculpt`
+do what the commands of the same kind do; `build` and `expand` make meshes. All are loaded when
+first asked for, so that `import featherfx` stays light. docs/python.md shows them at work.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from featherfx._version import __version__
 if TYPE_CHECKING:
     from featherfx.api import build, read_groom, read_quality, read_shot, simulate
     from featherfx.baking.open_bake import bake
-    from featherfx.baking.pipeline import check, export, export_groom, join, plan, retime
+    from featherfx.baking.pipeline import check, export, export_groom, join, plan, retime, sculpt
     from featherfx.baking.stats import stats
     from featherfx.errors import InputError, InputWarning, SimulationError
     from featherfx.farm.job import bake_many
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "api": "build read_groom read_quality read_shot simulate",
     "baking.open_bake": "bake",
-    "baking.pipeline": "check export export_groom join plan retime",
+    "baking.pipeline": "check export export_groom join plan retime sculpt",
     "baking.stats": "stats",
     "errors": "InputError InputWarning SimulationError",
     "farm.job": "bake_many",
@@ -77,6 +77,7 @@ __all__ = [
     "read_quality",
     "read_shot",
     "retime",
+    "sculpt",
     "simulate",
     "stats",
 ]

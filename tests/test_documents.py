@@ -199,6 +199,7 @@ def test_a_page_that_breaks_a_rule_is_noticed(tmp_path, monkeypatch, text, fault
         ("motion blur subframes", "usd.md"),
         ("ruffle", "direction.md"),
         ("retime", "resume.md"),
+        ("sculpt", "direction.md"),
         ("wet", "hooks.md"),
         ("split", "hooks.md"),
         ("resume", "resume.md"),

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from featherfx.usd.convert.levels import export_levels as export_levels
     from featherfx.usd.convert.retime import retime as retime
     from featherfx.usd.convert.rigid import export_rigid as export_rigid
+    from featherfx.usd.convert.sculpt import sculpt as sculpt
     from featherfx.usd.read.inspect import inspect_stage as inspect_stage
 
 _HOMES = {
@@ -55,6 +56,7 @@ _HOMES = {
     "stats": "featherfx.baking.stats",
     "read_shot": "featherfx.api",
     "retime": "featherfx.usd.convert.retime",
+    "sculpt": "featherfx.usd.convert.sculpt",
 }
 
 

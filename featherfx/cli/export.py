@@ -1,4 +1,4 @@
-"""`featherfx groom`, `export` and `retime`: USD of a groom at rest, and caches in other forms."""
+"""`featherfx groom`, `export`, `retime` and `sculpt`: grooms at rest, caches in other forms."""
 
 from __future__ import annotations
 
@@ -217,4 +217,43 @@ def retime(
         raise click.UsageError("give one of --speed, --keys and --loop")
     with Progress("frames", style):
         pipeline.retime(cache, output, speed=speed, keys=keys, loop=loop, overwrite=overwrite)
+    click.echo(str(output), err=True)
+
+
+@click.command(
+    cls=Command,
+    short_help="Write a cache with feathers that are corrected by hand.",
+    epilog="""
+    featherfx sculpt wing.usdc --with poses.usd -o sculpted.usdc
+    featherfx sculpt wing.usdc --with poses.usd -o sculpted.usdc --fade 12
+    """,
+)
+@click.argument("cache", type=readable_path())
+@click.option(
+    "--with",
+    "poses",
+    type=readable_path(),
+    required=True,
+    help="Meshes or curves named by feather id; their time samples are the frames they hold.",
+)
+@output_option("One plain USD file (.usd, .usdc, .usda).")
+@click.option(
+    "--fade",
+    type=RealNumber(min=0.0),
+    default=6.0,
+    show_default=True,
+    help="Frames before the first and after the last pose within which it comes and goes; 0: it "
+    "holds to both ends.",
+)
+@overwrite_option("Replace a file that exists.")
+@progress_option
+def sculpt(
+    cache: Path, poses: Path, output: Path, fade: float, overwrite: bool, style: str
+) -> None:
+    """Write CACHE (a USD file of featherfx) with feathers brought to drawn poses.
+
+    Rachises and barbs keep their lengths, and roots their places. What is not reached is told.
+    """
+    with Progress("frames", style):
+        pipeline.sculpt(cache, output, poses=poses, fade=fade, overwrite=overwrite)
     click.echo(str(output), err=True)

@@ -29,6 +29,7 @@ _MODULES = {
     "retime": "export",
     "sample": "presets",
     "schema": "presets",
+    "sculpt": "export",
     "stats": "stats",
     "trace": "presets",
     "tune": "view",

@@ -15,7 +15,7 @@ tail; a neighbour is one of the three nearest tips. Of each tract, and of `all`:
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -94,7 +94,8 @@ def measure_plumage(
     far, owner = cKDTree(np.stack([rachises[id][1][0] for id in contour])).query(samples.points)
     areas = samples.area * np.bincount(owner[far < length[owner]], minlength=len(contour))
     regions = np.array([rachises[id][0] for id in contour])
-    pairs = _intersecting_pairs(cache, code)
+    touching = find_intersecting(cache, code, range(len(cache.feathers)))
+    pairs = [tuple(cache.feathers[k].region for k in pair) for pair in touching]
     found = {}
     for tract in ("all", *sorted({*regions.tolist()} - {""})):
         own = np.ones(len(contour), dtype=bool) if tract == "all" else regions == tract
@@ -178,12 +179,16 @@ def _sample_fans(cache: Cache, code: float | None) -> Iterator[_Skin]:
         yield _Skin(points, normals, samples.area, cKDTree(points), two_sided=True)
 
 
-def _intersecting_pairs(cache: Cache, code: float | None) -> list[tuple[str, str]]:
-    """Return the regions of every two feathers whose vanes intersect."""
-    every = range(len(cache.feathers))
-    points, each = cache.points_of(every, code), cache.feathers
+def find_intersecting(
+    cache: Cache, code: float | None, chosen: Sequence[int]
+) -> list[tuple[int, int]]:
+    """Return every two of some feathers of a cache whose vanes intersect."""
+    points, each = cache.points_of(chosen, code), [cache.feathers[k] for k in chosen]
     patches = make_patches(
-        [(points[k], each[k].triangles, each[k].side == RACHIS_PART, k) for k in every]
+        [
+            (own, feather.triangles, feather.side == RACHIS_PART, k)
+            for k, (own, feather) in enumerate(zip(points, each, strict=True))
+        ]
     )
     found = find_intersections(np.concatenate(points), patches)
-    return [(each[a].region, each[b].region) for a, b in found.owners[found.vanes > 0].tolist()]
+    return [(chosen[a], chosen[b]) for a, b in found.owners[found.vanes > 0].tolist()]

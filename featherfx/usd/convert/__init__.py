@@ -1,4 +1,4 @@
 """Caches in other forms: Alembic, glTF, condensed feathers, transforms.
 
-Change here: `featherfx export`, `featherfx retime`.
+Change here: `featherfx export`, `featherfx retime`, `featherfx sculpt`.
 """

@@ -21,12 +21,15 @@ class BarbGrid:
 
     tube: (K,) points of the rachis's surface, row by row, and first: (n,) first index of each row
     among them; a row's rachis point is their mean. nodes: (2, n, m + 1) points of the left and
-    right barbs, root first; V + i is the rachis point of row i.
+    right barbs, root first; V + i is the rachis point of row i. row, node: (V,) where each point
+    is, node as of RowPoints with left barbs first.
     """
 
     tube: Indices
     first: Indices
     nodes: Indices
+    row: Indices
+    node: Indices
 
     def values(self, points: Array | Floats) -> tuple[Floats, Floats, Floats]:
         """Return rachis (n, 3), left and right barbs (n, m, 3) of surface points (V, 3)."""
@@ -70,8 +73,18 @@ def find_grid(path: str | Path, feather: CachedFeather, pose: Any) -> BarbGrid:
         own = np.flatnonzero(node * sign > 0)[::-1]
         nodes[side, row_of_vane[own], np.abs(node[own])] = vane[own]
     order = np.argsort(row, kind="stable")
-    grid = BarbGrid(tube[order], np.searchsorted(row[order], np.arange(len(stations))), nodes)
-    return replace(grid, nodes=nodes[::-1]) if _leading_is_right(grid, feather, pose) else grid
+    rows, numbers = np.zeros((2, len(pose.points)), dtype=np.int64)
+    rows[tube], rows[vane], numbers[vane] = row, row_of_vane, node
+    first = np.searchsorted(row[order], np.arange(len(stations)))
+    grid = BarbGrid(tube[order], first, nodes, rows, _node_numbers(numbers, columns))
+    if not _leading_is_right(grid, feather, pose):
+        return grid
+    return replace(grid, nodes=nodes[::-1], node=_node_numbers(-numbers, columns))
+
+
+def _node_numbers(places: Indices, columns: int) -> Indices:
+    """(V,) numbers of nodes in their rows from places along the barbs, of second ones below 0."""
+    return np.where(places < 0, columns - places, places)
 
 
 def _leading_is_right(grid: BarbGrid, feather: CachedFeather, pose: Any) -> bool:
