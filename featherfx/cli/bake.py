@@ -31,7 +31,7 @@ _OF_DASK = ("scheduler", "workers", "shares")
 _OF_TASKS = ("task_shares", "task_hours")
 # keys of a report that notes are printed for
 _NOTED = (
-    "again", "worst_substeps", "worst_unsolved", "error_promised", "error_not_promised", "contact",
+    "again", "variation_cut", "worst_substeps", "worst_unsolved", "error_not_promised", "contact",
     "bounds_passed", "undefined", "over_promised", "grips_at_limit",
 )  # fmt: skip
 

@@ -20,7 +20,6 @@ from typing import Any
 
 from featherfx.errors import InputError, Problem
 from featherfx.jit.code_cache import ROOT, CannotBeLoadedError, KernelStore, load_object
-from featherfx.jit.compile_workers import KernelRequest, compile_pool
 from featherfx.jit.kernel_calls import (
     INLINED,
     LoadedKernel,
@@ -84,6 +83,7 @@ class KernelEntry:
         later: after what is waited for. Of a text with tuples that are no more, nothing is asked.
         """
         if not self.is_there(text):
+            from featherfx.jit.compile_workers import KernelRequest, compile_pool
             from featherfx.jit.compiler import find_types
 
             with contextlib.suppress(ImportError, AttributeError, TypeError):

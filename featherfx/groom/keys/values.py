@@ -19,7 +19,6 @@ from typing import Any, Protocol, get_args, get_type_hints
 
 from featherfx.errors import CONTROL
 from featherfx.groom.keys.problems import INVALID, Place, closest
-from featherfx.groom.keys.renamed import explain_old_key
 from featherfx.limits import (
     MAX_CHARACTERS,
     MAX_PATTERNS,
@@ -356,17 +355,8 @@ class Table:
             if name in self.keys:
                 inner = replace(at, around=self.keys)
                 result[name] = self.keys[name].type.check(each, inner, partial)
-            elif old := explain_old_key(at.key, self.keys):
-                result[name] = at.fail(old.message)
-                replacing = self.keys.get(old.new)
-                if replacing is not None and old.new not in value:
-                    required = replacing.default is REQUIRED
-                    result[old.new] = INVALID if required else replacing.default
             else:
-                below, around = (_keys_below(each, name) for each in (self.keys, place.around))
-                if around and not below and not closest(name, list(self.keys), 1):
-                    below = around
-                result[name] = at.unknown_key(self.keys, below)
+                result |= {name: INVALID, **self._refuse(name, place, value)}
         for name, key in self.keys.items() if not partial else ():
             if name in result:
                 continue
@@ -377,6 +367,24 @@ class Table:
             else:
                 result[name] = place.child(name).fail(f"missing, expects {expected(key.type)}")
         return result
+
+    def _refuse(self, name: str, place: Place, value: dict[str, Any]) -> dict[str, Any]:
+        """Tell of a key that there is not; the value of the key that replaced it, if one did."""
+        from featherfx.groom.keys.renamed import explain_old_key  # for wrong files alone
+
+        at = place.child(name)
+        if old := explain_old_key(at.key, self.keys):
+            at.fail(old.message)
+            replacing = self.keys.get(old.new)
+            if replacing is None or old.new in value:
+                return {}
+            is_required = replacing.default is REQUIRED
+            return {old.new: INVALID if is_required else replacing.default}
+        below, around = (_keys_below(each, name) for each in (self.keys, place.around))
+        if around and not below and not closest(name, list(self.keys), 1):
+            below = around
+        at.unknown_key(self.keys, below)
+        return {}
 
     def describe(self) -> tuple[str, str, str]:
         return self.title, "", ""
