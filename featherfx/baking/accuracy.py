@@ -38,7 +38,7 @@ from featherfx.shot.loop.simulate import Simulation, simulate
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options.load_estimate import estimate_loads
 from featherfx.shot.options.options import FeatherOptions, resolve_options, simulation_quality
-from featherfx.shot.subset import part_of
+from featherfx.shot.patterns import part_of
 from featherfx.shot.types import Quality, Shot
 
 # feathers that are looked at by default

@@ -19,7 +19,7 @@ from typing import Any
 
 from featherfx.baking.pipeline import bake, check, export_groom
 from featherfx.errors import InputError
-from featherfx.usd.check.roots import measure_roots
+from featherfx.usd.check.skins import measure_roots
 from featherfx.usd.read.inspect import PrimReport, inspect_stage
 
 _SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")

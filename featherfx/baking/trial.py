@@ -50,7 +50,7 @@ from featherfx.shot.options.options import (
     ShotOptions,
     resolve_options,
 )
-from featherfx.shot.subset import part_of
+from featherfx.shot.patterns import part_of
 from featherfx.shot.types import Shot
 from featherfx.usd.write.output import choose_group, unique_prim_names
 

@@ -12,8 +12,7 @@ from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options.options import resolve_options
 from featherfx.shot.partition.partition import shot_islands
-from featherfx.shot.patterns import may_touch
-from featherfx.shot.subset import part_of
+from featherfx.shot.patterns import may_touch, part_of
 from featherfx.shot.types import Detail, Shot
 
 # feathers that go through all frames; neighbours that are tried together

@@ -106,15 +106,16 @@ def schema(kind: str, family: str) -> None:
     Editors complete and check TOML files by it: Even Better TOML (VS Code) and others that use
     Taplo take the one that the first line of a file names, "#:schema ./shot.schema.json".
     """
-    from featherfx.shot.read import schema as schemas
+    from featherfx.groom.keys.preset import PRESET_FAMILIES
+    from featherfx.shot.read.reference import schema as schema_of
 
     if family and kind != "preset":
         raise click.UsageError("--family goes with preset")
-    if family and family not in schemas.PRESET_FAMILIES:
+    if family and family not in PRESET_FAMILIES:
         raise click.BadParameter(
-            f"'{family}' is none of {', '.join(schemas.PRESET_FAMILIES)}", param_hint="--family"
+            f"'{family}' is none of {', '.join(PRESET_FAMILIES)}", param_hint="--family"
         )
-    click.echo(json.dumps(schemas.schema(kind, family), indent=2))
+    click.echo(json.dumps(schema_of(kind, family), indent=2))
 
 
 @click.command(

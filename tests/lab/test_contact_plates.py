@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from featherfx.errors import InputError
-from featherfx.lab.contact.experiments import ContactTest, energy_gain, run_contact
+from featherfx.lab.contact.experiments import ContactTest, TouchingPlates, energy_gain, run_contact
 from featherfx.lab.contact.plates import (
     BENDING,
     LENGTH,
@@ -18,7 +18,6 @@ from featherfx.lab.contact.plates import (
     prop_force,
     propped_tip,
 )
-from featherfx.lab.contact.touching import TouchingPlates
 
 
 def at_rest(**test):

@@ -14,9 +14,9 @@ from featherfx.shot.clock import StageClock
 from featherfx.shot.loads import shelter
 from featherfx.shot.loads.shelter import LEAST, lying_exposures
 from featherfx.shot.loads.wind import exposures
+from featherfx.shot.patterns import part_of
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.skin import SkinSurfaces
-from featherfx.shot.subset import part_of
 from featherfx.shot.types import Shelter
 
 SHOT = read_shot(SAMPLES / "feather_pull" / "shot.toml")

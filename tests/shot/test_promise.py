@@ -14,6 +14,7 @@ from featherfx.files.disk_cache import nothing_kept
 from featherfx.groom.keys.preset import Quality
 from featherfx.lab.bench.promise import errors, fixed_quality, random_shot, run
 from featherfx.shot.loop import calibration, contact_error
+from featherfx.shot.loop.calibration import stratify
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
@@ -24,9 +25,8 @@ from featherfx.shot.options.options import (
     simulation_quality,
     stepped_down,
 )
-from featherfx.shot.options.strata import stratify
+from featherfx.shot.patterns import part_of
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.subset import part_of
 from featherfx.shot.types import Detail
 
 PULL = SAMPLES / "feather_pull/shot.toml"

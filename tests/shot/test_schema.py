@@ -33,7 +33,7 @@ from featherfx.groom.keys.values import (
 )
 from featherfx.shot.read.keys import SHOT_FILE
 from featherfx.shot.read.read import check_file
-from featherfx.shot.read.schema import schema
+from featherfx.shot.read.reference import schema
 
 FILES = [*sorted((ROOT / "samples").glob("*/*.toml")), *sorted((ROOT / "presets").rglob("*.toml"))]
 

@@ -8,7 +8,7 @@ from pxr import Sdf, Usd, UsdGeom
 from usdin_scenes import add_matrix, add_mesh, lifted, new_stage, rigid, sheet, vec
 
 from featherfx.baking import corpus
-from featherfx.usd.check.roots import measure_roots
+from featherfx.usd.check.skins import measure_roots
 
 
 @pytest.mark.nightly

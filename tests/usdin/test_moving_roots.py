@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import featherfx
-from featherfx.shot.subset import part_of
+from featherfx.shot.patterns import part_of
 
 
 def turns_of(skin, time):

@@ -10,7 +10,7 @@ from usdin_scenes import add_mesh, new_stage
 
 from featherfx.api import read_shot
 from featherfx.errors import InputError, InputWarning
-from featherfx.groom.regions.tiles import find_tiles, sample_tiles
+from featherfx.groom.regions.rules import find_tiles, sample_tiles
 from featherfx.groom.skin.skin import bind
 
 KEYS = "count = 60\nlength = 0.02\nwhere = [{{ image = '{}' }}]"

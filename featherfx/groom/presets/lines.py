@@ -13,12 +13,12 @@ from featherfx.algebra.rotation import parallel
 from featherfx.algebra.types import Array
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.presets.flat_vane import crossing_segments
-from featherfx.groom.read.min_bend_radius import tightest
 from featherfx.groom.read.rachis_curve import (
     MAX_LINE_DEVIATION,
     FittedCurve,
     fit_arc,
     fit_course,
+    tightest,
     turning_within,
 )
 from featherfx.groom.types import BARB_ANGLE, BarbGuide, FeatherKind

@@ -23,12 +23,12 @@ from featherfx.groom.presets.kinds import Change
 from featherfx.groom.presets.library import sourced
 from featherfx.groom.read.condensed import DrawnVanes, vanes_of
 from featherfx.groom.read.drafts import Draft, DrawnShape, belonging
-from featherfx.groom.read.min_bend_radius import tightest
 from featherfx.groom.read.rachis_curve import (
     MAX_LINE_DEVIATION,
     curved_up,
     fit_arc,
     fit_course,
+    tightest,
     without_repeats,
 )
 from featherfx.groom.read.readers import DrawnFeather, SceneReader

@@ -31,8 +31,8 @@ from featherfx.groom.types import FeatherKind
 from featherfx.shot.loop.contact_error import measure_contact_error
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.options.options import MAX_COEFFICIENTS, FeatherOptions
+from featherfx.shot.patterns import part_of
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.subset import part_of
 from featherfx.shot.types import Shot
 
 # of the distribution: errors (percent), fastest wind (m/s); feathers and frames of a free shot

@@ -16,7 +16,7 @@ from featherfx.shot.frames import Frame
 from featherfx.shot.loop.simulate import Simulation, simulate
 from featherfx.shot.options.options import CHOSEN
 from featherfx.shot.partition.partition import share_numbers
-from featherfx.shot.subset import part_of
+from featherfx.shot.patterns import part_of
 from featherfx.shot.types import Detail, LevelOfDetail, Motion, Shot
 
 Change = Callable[[Shot], Shot]

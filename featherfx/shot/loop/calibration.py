@@ -1,6 +1,6 @@
 """The promise as a measurement: grids and tolerances that keep an error, found on a sample.
 
-Feathers are alike in strata by kind, size and load (options/strata.py). Of each stratum a sample is
+Feathers are alike in strata by kind, size and load. Of each stratum a sample is
 simulated before the first frame: where the shot begins, settling included, and where its loads are
 largest. A feather that finds no rest there flutters: its way is chaotic, and is not measured. What
 a setting errs by follows from what finer ones differ by,
@@ -29,7 +29,7 @@ import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,6 +41,7 @@ from featherfx.files.content import digest
 from featherfx.files.disk_cache import keep, kept, kept_before, nothing_kept
 from featherfx.groom.keys.preset import Quality
 from featherfx.jit.compile_progress import working_time
+from featherfx.mechanics.batch import may_slip
 from featherfx.shot.fingerprint import shot_settings
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
@@ -51,11 +52,66 @@ from featherfx.shot.options.options import (
     TIME,
     first_grid,
 )
-from featherfx.shot.options.strata import Stratum, stratify
+from featherfx.shot.patterns import part_of
 from featherfx.shot.preroll import NO_RUN_UP
 from featherfx.shot.roots import RootFrames, Roots
-from featherfx.shot.subset import part_of
 from featherfx.shot.types import MeasuredGrid, Shot
+
+# strata a shot may have at least, and one for so many feathers
+_MIN_STRATA, _FEATHERS_PER_STRATUM = 8, 20
+# powers of two within which sizes and deflections are alike, from fine to coarse
+_WIDTHS = (1.0, 2.0, 4.0, 100.0)
+# of a feather's length, deflection below which all are alike
+_MIN_DEFLECTION = 2e-3
+
+
+class Stratum(NamedTuple):
+    """Feathers that are treated alike. members: numbers, ascending. sample: of those measured, the
+    ones that loads bend most, then by turns along the groom. is_free: they leave their roots."""
+
+    members: Indices
+    sample: Indices
+    is_free: bool
+
+
+def stratify(
+    shot: Shot, solved: Indices, deflections: Sequence[Deflection], free: Flags
+) -> list[Stratum]:
+    """Divide the feathers of a shot that are solved into strata.
+
+    solved: numbers. deflections: m, of each. free: (F,) which leave their roots.
+    """
+    most = max(_MIN_STRATA, len(solved) // _FEATHERS_PER_STRATUM)
+    strata: dict[tuple[Any, ...], list[int]] = {}
+    for width in _WIDTHS:
+        strata = {}
+        for f in solved.tolist():
+            key = _key(shot, f, deflections[f], bool(free[f]), width)
+            strata.setdefault(key, []).append(f)
+        if len(strata) <= most:
+            break
+    return [
+        Stratum(np.array(each), _sample(each, deflections), bool(free[each[0]]))
+        for each in strata.values()
+    ]
+
+
+def _key(
+    shot: Shot, f: int, deflection: Deflection, is_free: bool, width: float
+) -> tuple[Any, ...]:
+    kind = shot.groom.feathers[f].kind
+    shares = (each / kind.length for each in (deflection.rachis, deflection.barb))
+    sizes = kind.length, *(max(each, _MIN_DEFLECTION) for each in shares)
+    octaves = (math.floor(math.log2(each) / width) for each in sizes)
+    return kind.name, may_slip(kind), deflection.is_pulled, is_free, *octaves
+
+
+def _sample(members: list[int], deflections: Sequence[Deflection]) -> Indices:
+    """Numbers of the feathers of a stratum that are measured."""
+    worst = max(members, key=lambda f: deflections[f].rachis + deflections[f].barb)
+    extra = members[:: 4 * _FEATHERS_PER_STRATUM][1:]
+    return np.unique([worst, *extra])
+
 
 # of what is promised, what a sample may err by; of that, the parts of grids and of steps
 _MARGIN, _SHARES = 0.5, {"space": 0.6, "time": 0.4}

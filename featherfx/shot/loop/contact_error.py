@@ -38,9 +38,8 @@ from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options.load_estimate import estimate_deflections, estimate_loads
 from featherfx.shot.options.options import FeatherOptions, resolve_options
-from featherfx.shot.patterns import may_touch
+from featherfx.shot.patterns import may_touch, part_of
 from featherfx.shot.preroll import NO_RUN_UP
-from featherfx.shot.subset import part_of
 from featherfx.shot.types import Shot
 
 # patches of a shot, and feathers of a patch, at most

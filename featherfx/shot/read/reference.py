@@ -1,10 +1,14 @@
 """docs/reference.md, generated from the declarations that check users' files.
 
-python -m featherfx.shot.read.reference > docs/reference.md
-"""
+    python -m featherfx.shot.read.reference > docs/reference.md
+
+A JSON Schema of shots, grooms or presets judges keys, types and ranges as the reader does. What
+depends on other keys (the end of a grip after its start), on other files, or on what a `base`
+holds, `featherfx check` alone finds."""
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -22,11 +26,14 @@ from featherfx.groom.keys.anatomy import (
     TailCovertRow,
     TailOfBird,
 )
-from featherfx.groom.keys.values import REQUIRED, Key, Table, Tables, keys_of
+from featherfx.groom.keys.groom import GROOM_FILE
+from featherfx.groom.keys.preset import PRESET_FAMILIES
+from featherfx.groom.keys.values import REQUIRED, JsonSchema, Key, Table, Tables, keys_of
 from featherfx.groom.looks import BarbLook, Colour, Pattern
 from featherfx.groom.materials import Profile
 from featherfx.groom.types import GUIDE_KEYS, RACHIS_KEYS, Hooked, Splits, VaneShape
 from featherfx.shot.read import keys as shot_keys
+from featherfx.shot.read.keys import SHOT_FILE
 
 _HEAD = """# Reference: every key of shots, grooms and presets
 
@@ -236,3 +243,43 @@ def _default(value: Any) -> str:
 
 if __name__ == "__main__":
     sys.stdout.write(reference())
+
+
+_DIALECT = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
+
+
+def schema(kind: str, family: str = "") -> JsonSchema:
+    """The JSON Schema (draft 2020-12) of a "groom", "shot" or "preset" as TOML readers load it.
+
+    family: of a preset, one of FAMILIES; empty: a preset of any family, which a preset file does
+    not name itself (its folder does).
+    """
+    name = f"{family or 'any'} preset" if kind == "preset" else kind
+    head = _DIALECT | {
+        "$id": "urn:featherfx:" + name.replace(" ", ":"),
+        "title": f"featherfx {name}",
+    }
+    if kind == "preset":
+        files = [
+            {"type": "object", "allOf": [each.reference(), each.complete()]}
+            for each in PRESET_FAMILIES.values()
+            if family in ("", each.family)
+        ]
+        body = {"anyOf": files} if len(files) > 1 else files[0]
+    else:
+        body = {"groom": GROOM_FILE, "shot": SHOT_FILE}[kind].schema(False)
+    return head | body | {"$defs": _definitions(body)}
+
+
+def _definitions(body: JsonSchema) -> dict[str, JsonSchema]:
+    """Schemas of all preset families that a schema refers to, and that these refer to."""
+    found: dict[str, JsonSchema] = {}
+    text = json.dumps(body)
+    while missing := [
+        each
+        for each in PRESET_FAMILIES.values()
+        if each.name not in found and json.dumps(each.reference()) in text
+    ]:
+        found |= {each.name: each.definition() for each in missing}
+        text += json.dumps(found)
+    return found

@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.algebra.raster import nodes_within
-from featherfx.algebra.types import Array, Flags
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.feather.crossings import (
     BODY,
@@ -25,6 +24,44 @@ from featherfx.feather.crossings import (
 from featherfx.feather.types import RACHIS_PART
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.scenery import find_scenery
+
+_AT_ONCE = 4_000_000  # nodes in boxes around triangles
+_MARGIN = 1e-9  # share of a triangle, by which its rim counts as within
+
+
+def _nodes_within(corners: Array, shape: tuple[int, int]) -> Iterator[tuple[Indices, Indices]]:
+    """Yield nodes (i, j) of a lattice of a shape within triangles (T, 3, 2), in pieces.
+
+    corners: in steps of the lattice, from its first node.
+    """
+    start = np.maximum(np.ceil(corners.min(axis=1) - 1e-6).astype(np.int64), 0)
+    end = np.minimum(np.floor(corners.max(axis=1) + 1e-6).astype(np.int64) + 1, shape)
+    wide = np.maximum(end - start, 0)
+    ends = np.cumsum(wide.prod(axis=1))
+    low = 0
+    while low < len(corners):
+        before = ends[low - 1] if low else 0
+        high = max(int(np.searchsorted(ends, before + _AT_ONCE, "right")), low + 1)
+        yield _within(corners[low:high], start[low:high], wide[low:high])
+        low = high
+
+
+def _within(corners: Array, start: Indices, wide: Indices) -> tuple[Indices, Indices]:
+    """Return those nodes of the boxes around triangles that lie in these."""
+    count = wide.prod(axis=1)
+    t = np.repeat(np.arange(len(count)), count)
+    number = np.arange(len(t)) - np.repeat(np.cumsum(count) - count, count)
+    i, j = start[t, 0] + number // wide[t, 1], start[t, 1] + number % wide[t, 1]
+    sides = corners[:, 1:] - corners[:, :1]
+    area = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
+    inverse = np.where(np.abs(area) < 1e-9, np.nan, 1.0 / np.where(area == 0.0, 1.0, area))
+    away = np.stack([i, j], axis=1) - corners[t, 0]
+    first, second = sides[t, 0], sides[t, 1]
+    u = (away[:, 0] * second[:, 1] - away[:, 1] * second[:, 0]) * inverse[t]
+    v = (first[:, 0] * away[:, 1] - first[:, 1] * away[:, 0]) * inverse[t]
+    inside = (u >= -_MARGIN) & (v >= -_MARGIN) & (u + v <= 1.0 + _MARGIN)
+    return i[inside], j[inside]
+
 
 # pairs that are named
 _MAX_PAIRS = 10
@@ -216,8 +253,8 @@ def _holes(sorts: list[Array]) -> dict[str, Any]:
     rows, columns = (np.ceil((high - low) / pixel).astype(int) + 3).tolist()
     drawn = np.zeros((3, rows, columns), dtype=np.bool_)
     for own, each in zip(drawn, sorts, strict=True):
-        for found in nodes_within((each - low) / pixel + 1.0, (rows, columns)):
-            own[found.i, found.j] = True
+        for nodes in _nodes_within((each - low) / pixel + 1.0, (rows, columns)):
+            own[nodes] = True
     covered = drawn.any(axis=0)
     parts, count = ndimage.label(~covered)
     # from the nearest covered node, as far as the middle between it and the one before

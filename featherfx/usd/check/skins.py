@@ -1,9 +1,11 @@
-"""Depths of vanes in the skins that a cache names.
+"""Depths of vanes in the skins that a cache names, and distances of roots from their skin.
 
 The depth of a point is its distance to the nearest of some faces, where it lies behind that face;
 by the mean normal of the corners where the nearest place is on an edge. A point that is nearest to
 a border of an open skin has none. Faces are those of the eight nearest samples of the skin; these
 are sought anew every sixteenth frame, and wherever a point seems deep.
+
+Roots are measured from the mesh that they ride on, as USD itself evaluates it.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from pxr import Gf, Usd, UsdGeom, UsdSkel
 from scipy.spatial import cKDTree
 
 from featherfx.algebra.types import Array, Flags, Indices
@@ -23,7 +26,7 @@ from featherfx.usd.check.judge_kernels import find_depths, find_nodes
 from featherfx.usd.check.tracks import BARB, Track
 from featherfx.usd.read.opening import read_scenery
 from featherfx.usd.read.scenery import find_scenery
-from featherfx.usd.read.stage import read_stage_space, to_world_matrix
+from featherfx.usd.read.stage import read_stage_space, to_world_matrix, transform_points
 from featherfx.usd.types import StageSpace
 
 _NEAREST, _RENEWED_AFTER = 8, 16
@@ -177,3 +180,47 @@ def _border_points(triangles: Indices, count: int) -> Flags:
     border = np.zeros(count, dtype=np.bool_)
     border[each[times == 1]] = True
     return border
+
+
+def measure_roots(cache: Path, file: Path) -> float | None:
+    """Return the largest distance (m) of roots of a cache from their places on their meshes."""
+    own, other = Usd.Stage.Open(str(cache)), _bake_skinning(file)
+    codes = range(int(own.GetStartTimeCode()), int(own.GetEndTimeCode()) + 1)
+    largest, every = None, [UsdGeom.PrimvarsAPI(prim) for prim in own.Traverse()]
+    rachises = {
+        each.GetPrimvar("featherId").Get()[0]: str(each.GetPrim().GetPath())
+        for each in every
+        if each.GetPrim().IsA(UsdGeom.BasisCurves)
+    }
+    for each in every:
+        if not each.HasPrimvar("skinPrim"):
+            continue
+        names = ("featherId", "skinPrim", "skinPoints", "skinBarycentric")
+        (id,), (path,), corners, weights = (each.GetPrimvar(name).Get() for name in names)
+        for code in codes:
+            root = _world_points(own, rachises[id], code)[0]
+            place = np.array(weights) @ _world_points(other, path, code)[np.array(corners)]
+            largest = max(largest or 0.0, float(np.linalg.norm(root - place)))
+    return largest
+
+
+def _world_points(stage: Any, path: str, code: float) -> Array:
+    """Return (V, 3) m, as USD has the points of a prim at a time code."""
+    prim = UsdGeom.PointBased(stage.GetPrimAtPath(path))
+    matrix = np.array(prim.ComputeLocalToWorldTransform(code))
+    points = np.array(prim.GetPointsAttr().Get(code), dtype=float)
+    to_world = StageSpace(*read_stage_space(stage)).to_world
+    return np.asarray(transform_points(points, matrix) @ to_world)
+
+
+def _bake_skinning(file: Path) -> Any:
+    """Return a stage whose skinned meshes have the points that USD itself computes."""
+    stage = Usd.Stage.Open(str(file))
+    stage.SetEditTarget(stage.GetSessionLayer())
+    while instances := [each for each in stage.TraverseAll() if each.IsInstance()]:
+        for each in instances:
+            each.SetInstanceable(False)
+    for prim in list(stage.Traverse()):
+        if prim.IsA(UsdSkel.Root):
+            UsdSkel.BakeSkinning(UsdSkel.Root(prim), Gf.Interval(-1e6, 1e6))
+    return stage
