@@ -33,7 +33,7 @@ from featherfx.feather.types import RowPoints, both, turned
 from featherfx.groom.keys.problems import Place, Problems, nearest
 from featherfx.phases import Progress, counted, tells_progress
 from featherfx.shot.detail.guided import INSTANT, Chains, Turns, row_frames
-from featherfx.shot.direction.shafts import along_line, why_no_shaft
+from featherfx.shot.direction.shapes import along_line, why_no_shaft
 from featherfx.usd.arrays import vec3f
 from featherfx.usd.check.plumage import find_intersecting
 from featherfx.usd.convert.barb_grid import find_grid
