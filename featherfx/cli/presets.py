@@ -56,15 +56,23 @@ def list_command(preset_folders: tuple[Path, ...], as_json: bool) -> None:
     "show",
     cls=Command,
     short_help="Show a preset and where its values come from.",
-    epilog="featherfx presets show swan_primary\nfeatherfx presets show material/vane/swan_vane",
+    epilog="""
+    featherfx presets show swan_primary
+    featherfx presets show material/vane/swan_vane
+    featherfx presets show bird/pigeon --json
+    """,
 )
 @click.argument("name")
 @presets_option
-def show_command(name: str, preset_folders: tuple[Path, ...]) -> None:
+@json_option("Values and their files; of birds `tracts` with count, length and cites, too.")
+def show_command(name: str, preset_folders: tuple[Path, ...], as_json: bool) -> None:
     """Show the preset NAME merged with all that it extends, and the file of each value."""
-    from featherfx.groom.presets.presets import show
+    from featherfx.groom.presets.presets import describe_preset, show
 
-    click.echo(show(name, preset_folders))
+    if as_json:
+        print_json(describe_preset(name, preset_folders))
+    else:
+        click.echo(show(name, preset_folders))
 
 
 @click.command(

@@ -127,10 +127,7 @@ def _clumped(barbs: BarbCurves, look: BarbLook) -> Matrix:
 def _beside(barbs: BarbCurves, points: Array) -> Matrix:
     """(B K, B K) of points (B K, 3) at rest, unit vectors from the barb before to the one after."""
     count, each = barbs.widths.shape
-    own = np.arange(count)
-    before, after = np.maximum(own - 1, 0), np.minimum(own + 1, count - 1)
-    before = np.where(barbs.side[before] == barbs.side, before, own)
-    after = np.where(barbs.side[after] == barbs.side, after, own)
+    before, after = barbs.neighbours
     ends = [(barb[:, None] * each + np.arange(each)).ravel() for barb in (after, before)]
     apart = np.linalg.norm(points[ends[0]] - points[ends[1]], axis=1)
     scale = np.divide(1.0, apart, out=np.zeros_like(apart), where=apart > 0.0)

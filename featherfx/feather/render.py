@@ -11,13 +11,14 @@ import numpy as np
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
 from featherfx.feather.density import density_map
-from featherfx.feather.profiles import barb_diameters
+from featherfx.feather.profiles import at_places, vane_shares
 from featherfx.feather.types import (
     LEADING,
     TRAILING,
     Array,
     BarbCurves,
     Feather,
+    Indices,
     PointMap,
     RowMap,
     barb_slice,
@@ -27,8 +28,9 @@ from featherfx.groom.types import FeatherKind, Splits
 if TYPE_CHECKING:
     from featherfx.feather.splits import SplitBarbs
 
-# Straight pieces that a barb is drawn with.
+# Pieces that a barb is drawn with.
 BARB_SEGMENTS = 8
+_BARB_FRACTION = 0.14  # of a vane's area
 
 
 @lru_cache(maxsize=1024)
@@ -51,9 +53,13 @@ def barb_curves(kind: FeatherKind, grid: tuple[int, int], count: int, mirrored: 
     """Barbs to draw of a feather that is simulated with a grid of rows and columns.
 
     count: barbs along each vane, at least 1, at equal distances on the rachis; those for which
-    the outline leaves no length are left out. The diameter at the root is the vane's thickness,
-    and falls as the stiffness of a round barb does. Barbs of vanes that may part follow the lips of
+    the outline leaves no length are left out. Barbs of vanes that may part follow the lips of
     splits. Raises InputError as build_feather does.
+
+    Barbs cover 0.14 of a vane (Jouve 2024, section 5.2): as wide a part of the distance g to their
+    neighbours, on average. They taper (Jouve et al. 2024, section 3), evenly, u from root to end:
+
+        width = 0.14 g (3/2 - u)
     """
     rows = max(3, round(count / (1.0 - kind.calamus)) + 2)
     feather, whole = build_feather(kind, *grid, mirrored), _without_splits(kind)
@@ -66,9 +72,9 @@ def barb_curves(kind: FeatherKind, grid: tuple[int, int], count: int, mirrored: 
         ) from error
     grown = [np.flatnonzero(dense.barb_length[side] > 0.0) for side in (LEADING, TRAILING)]
     nodes = np.arange(1 + 2 * BARB_SEGMENTS)
-    barbs = [np.append(0, nodes[barb_slice(side, BARB_SEGMENTS)]) for side in (LEADING, TRAILING)]
+    own = [np.append(0, nodes[barb_slice(side, BARB_SEGMENTS)]) for side in (LEADING, TRAILING)]
     picked = np.concatenate(
-        [row[:, None] * len(nodes) + barb for row, barb in zip(grown, barbs, strict=True)]
+        [row[:, None] * len(nodes) + barb for row, barb in zip(grown, own, strict=True)]
     )
     along = np.linspace(0.0, 1.0, BARB_SEGMENTS + 1)
     station = (dense.station / dense.station[-1])[np.concatenate(grown)]
@@ -85,14 +91,40 @@ def barb_curves(kind: FeatherKind, grid: tuple[int, int], count: int, mirrored: 
         flat = points.reshape(-1, 3)
         strands = SplitBarbs.from_curves(feather, *each, np.tile(along, len(station)), flat)
         points = _at_rest(feather, points_map, strands)
-    return BarbCurves(
+    barbs = BarbCurves(
         points=points,
-        widths=np.tile(barb_diameters(kind, along), (len(picked), 1)),
+        widths=np.zeros(u.shape),
         side=side,
         st=np.stack([u, np.broadcast_to(station[:, None], u.shape)], axis=-1),
         points_map=points_map,
+        hooked=_hooked(kind, side, vane_shares(kind, station * kind.length), along),
+        mirrored=mirrored,
         strands=strands,
     )
+    whole_points = dense.rest.nodes.reshape(-1, 3)[picked]
+    gaps = _gaps(barbs, whole_points, kind.length * (1.0 - kind.calamus) / count)
+    return replace(barbs, widths=_BARB_FRACTION * gaps[:, None] * (1.5 - along))
+
+
+def _hooked(kind: FeatherKind, side: Indices, places: Array, along: Array) -> Array:
+    """(B, K) share of hooked barbules of barbs at places (B,) of the vane, at places (K,) along."""
+    found = np.ones((len(side), len(along)))
+    for number, vane in ((LEADING, kind.leading), (TRAILING, kind.trailing)):
+        own = side == number
+        across = at_places(vane.hooked.barb, along)
+        found[own] = np.outer(at_places(vane.hooked.rachis, places[own]), across)
+    return found
+
+
+def _gaps(barbs: BarbCurves, points: Array, usual: float) -> Array:
+    """(B,) m, mean distance of barbs from their neighbours. usual: of one alone."""
+    before, after = barbs.neighbours
+    steps = points[after] - points[before]
+    steps /= np.maximum(after - before, 1)[:, None, None]
+    along = np.gradient(points, axis=1)
+    along /= np.maximum(np.linalg.norm(along, axis=2, keepdims=True), 1e-300)
+    gaps = np.linalg.norm(np.cross(steps, along), axis=2).mean(axis=1)
+    return np.where(after > before, gaps, usual)
 
 
 def _without_splits(kind: FeatherKind) -> FeatherKind:

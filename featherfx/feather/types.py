@@ -229,9 +229,10 @@ class RowMap(NamedTuple):
 class BarbCurves:
     """Barbs of a feather as B curves of K points, from base to tip, leading vane first.
 
-    points: (B, K, 3) m, at rest, root first. widths: (B, K) m, diameters. side: (B,) LEADING or
-    TRAILING. st: (B, K, 2) texture coordinates, those of the vane's surface. points_map: from the
-    simulated feather's rows (or rates) to points. strands: splits.SplitBarbs of the
+    points: (B, K, 3) m, at rest, root first. widths: (B, K) m, across the barb within the vane.
+    side: (B,) LEADING or TRAILING. st: (B, K, 2) texture coordinates, those of the vane's surface.
+    points_map: from the simulated feather's rows (or rates) to points. hooked: (B, K) share of
+    barbules that are hooked. mirrored: whether the feather is. strands: splits.SplitBarbs of the
     points, one curve after the other, of a vane that may part.
     """
 
@@ -240,4 +241,34 @@ class BarbCurves:
     side: Indices
     st: Array
     points_map: PointMap
+    hooked: Array
+    mirrored: bool = False
     strands: Any = None
+
+    @property
+    def index(self) -> Indices:
+        """(B,) number of each barb on its vane, from the base."""
+        return np.arange(len(self.side)) - np.where(self.side == TRAILING, self._leading, 0)
+
+    @property
+    def _leading(self) -> int:
+        return int(np.count_nonzero(self.side == LEADING))
+
+    @property
+    def neighbours(self) -> tuple[Indices, Indices]:
+        """(B,) barbs before and after each on its vane; itself where there is none."""
+        own = np.arange(len(self.side))
+        before, after = np.maximum(own - 1, 0), np.minimum(own + 1, len(own) - 1)
+        before = np.where(self.side[before] == self.side, before, own)
+        return before, np.where(self.side[after] == self.side, after, own)
+
+    def normals(self, points: Array) -> Array:
+        """(B K, 3) unit, dorsal, at points (B K, 3) of a pose: across the barbs, times along."""
+        curves = points.reshape(*self.widths.shape, 3)
+        before, after = self.neighbours
+        normal = np.cross(curves[after] - curves[before], np.gradient(curves, axis=1))
+        normal *= np.where((self.side == LEADING) != self.mirrored, 1.0, -1.0)[:, None, None]
+        size = np.linalg.norm(normal, axis=2, keepdims=True)
+        unit = np.divide(normal, size, out=np.zeros_like(normal), where=size > 0.0)
+        # any where barbs lie on one another
+        return np.where(size > 0.0, unit, [0.0, 0.0, 1.0]).reshape(-1, 3)

@@ -13,11 +13,13 @@ from scipy.spatial.transform import Rotation
 
 import featherfx
 import featherfx.baking.pipeline as pipeline
+from featherfx.algebra.vectors import face_products
 from featherfx.feather.build import build_feather
 from featherfx.feather.render import barb_curves, render_feather
 from featherfx.feather.types import RowPoints, both
 from featherfx.shot.frames import place
 from featherfx.usd.types import FeatherEntry
+from featherfx.usd.write import prims
 from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.options import WriteOptions
 
@@ -88,6 +90,62 @@ def test_barbs_take_the_texture_of_their_vane(cache):
         assert (np.diff(along[:, 0]) > 0.0).all()
         assert (along == along[:, :1]).all()
         assert 0.0 < along.min() < along.max() <= 1.0
+
+
+def test_barbs_are_smooth_curves_that_taper_and_cover_a_part_of_their_vane(cache):
+    path, kind, barbs = cache
+    stage = Usd.Stage.Open(str(path))
+    curves = UsdGeom.BasisCurves.Get(stage, "/cache/barbs/moving_barbs")
+    form = curves.GetTypeAttr().Get(), curves.GetBasisAttr().Get(), curves.GetWrapAttr().Get()
+    assert form == ("cubic", "catmullRom", "pinned")
+    assert (np.diff(barbs.widths, axis=1) < 0.0).all()
+    np.testing.assert_allclose(barbs.widths[:, -1], barbs.widths[:, 0] / 3.0)
+    lengths = np.linalg.norm(np.diff(barbs.points, axis=1), axis=2)
+    covered = (lengths * 0.5 * (barbs.widths[:, 1:] + barbs.widths[:, :-1])).sum()
+    surface = build_feather(kind, *FINE).surface
+    corners = surface.points(build_feather(kind, *FINE).rest)[surface.triangles[surface.part < 2]]
+    area = 0.5 * np.linalg.norm(face_products(corners), axis=1).sum()
+    assert covered / area == pytest.approx(0.14, rel=0.05)  # Jouve 2024, section 5.2
+
+
+def test_each_barb_has_its_number_place_root_and_hooks(cache):
+    path, _, barbs = cache
+    stage = Usd.Stage.Open(str(path))
+
+    def read(name, feather="moving"):
+        prim = stage.GetPrimAtPath(f"/cache/barbs/{feather}_barbs")
+        primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar(name)
+        return np.array(primvar.Get()), primvar.GetInterpolation()
+
+    ids = [read("barbId", name)[0] for name in NAMES[1:]]
+    assert len(np.unique(ids)) == 3 * len(barbs.side)
+    again = prims.barb_ids("moving", barbs)
+    np.testing.assert_array_equal(ids[0], again)
+    index, how = read("barbIndex")
+    assert how == "uniform"
+    for side in (0, 1):
+        np.testing.assert_array_equal(
+            index[barbs.side == side], np.arange((barbs.side == side).sum())
+        )
+    np.testing.assert_allclose(read("rootUv")[0], barbs.st[:, 0], rtol=1e-6)
+    hooked, how = read("hooked")
+    assert how == "vertex"
+    assert len(hooked) == barbs.widths.size
+    assert ((hooked >= 0.0) & (hooked <= 1.0)).all()
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_normals_of_barbs_are_dorsal_and_turn_with_them(mirrored):
+    kind = featherfx.read_groom(SAMPLES / "feather_pull/groom.toml").feathers[0].kind
+    barbs, feather = barb_curves(kind, GRID, BARBS, mirrored), build_feather(kind, *GRID, mirrored)
+    points = barbs.points.reshape(-1, 3)
+    normals = barbs.normals(points)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
+    assert (normals @ feather.rest.directors[:, 1].mean(axis=0) > 0.5).mean() > 0.98
+    along = np.gradient(barbs.points, axis=1).reshape(-1, 3)
+    assert np.abs((normals * along).sum(axis=1)).max() < 1e-9
+    turn = Rotation.from_rotvec([0.3, 0.5, -0.2]).as_matrix()
+    np.testing.assert_allclose(barbs.normals(points @ turn.T), normals @ turn.T, atol=1e-9)
 
 
 def test_only_what_moves_has_samples(cache):

@@ -159,6 +159,11 @@ class PartOfBody:
         Number(0, 100),
         "Feathers on a square as wide as they are long; 0: bare.",
     ] = 9.0
+    cites: Annotated[
+        tuple[str, ...],
+        ArrayOf(Text(), 0, 20),
+        "Publications that its figures come from, and which; others are set by eye.",
+    ] = ()
     width: Annotated[float, Number(0.01, 100), "Factor of the vanes' widths."] = 1.0
     tilt: Annotated[float, Number(-90, 90, "deg"), "Angle between shaft and skin."] = 4.0
     curl: Annotated[float, Number(-360, 360, "deg"), "Added to the camber of the shafts."] = 3.0

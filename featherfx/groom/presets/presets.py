@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
 from collections.abc import Iterable, Iterator
@@ -19,6 +20,9 @@ from featherfx.groom.presets.kinds import kind_of
 from featherfx.groom.presets.library import Library, Sourced, Tree, plain
 from featherfx.groom.read.toml_text import toml_of
 
+# beside presets of birds: feathers by species and tract, which tests/bird_counts.py writes
+COUNTS_FILE = "counts.json"
+_TRACT_KEYS = "length", "relative_density", "cites"
 # of a number that is shown: what was scaled to unit length may be scaled once more
 _DIGITS = 12
 
@@ -123,6 +127,33 @@ def show(name: str, preset_folders: Iterable[str | Path] = ()) -> str:
     width = min(48, max(len(text) for text, _ in lines))
     shown = [f"{text.ljust(width)}  # {note}" for text, note in lines]
     return "\n".join([f"# {family} preset {name.rpartition('/')[2]}", *shown])
+
+
+def describe_preset(name: str, preset_folders: Iterable[str | Path] = ()) -> dict[str, Any]:
+    """Return family, name, values, the file of each, and of birds their tracts.
+
+    The count of a tract are the feathers that it grows on the body that was made for the species,
+    its wings folded (COUNTS_FILE); None of presets without such a body. name: as of show. Raises
+    InputError.
+    """
+    family, tree = load_preset(name, preset_folders)
+    short, values = name.rpartition("/")[2], plain(tree)
+    found = {"family": family, "name": short, "values": values, "sources": _sources_of(tree)}
+    if family == "bird":
+        located = Library(preset_folders, Problems()).find(family, short)
+        counts = located[0].with_name(COUNTS_FILE) if located else Path(COUNTS_FILE)
+        known = json.loads(counts.read_text()).get(short, {}) if counts.is_file() else {}
+        found["tracts"] = {
+            part: {"count": known.get(part)} | {key: each[key] for key in _TRACT_KEYS}
+            for part, each in values["tracts"].items()
+            if each
+        }
+    return found
+
+
+def _sources_of(tree: Tree) -> dict[str, Any]:
+    """A tree with the file of each value instead."""
+    return {k: _sources_of(v) if isinstance(v, dict) else v.source for k, v in tree.items()}
 
 
 def _lines(table: Table, tree: Tree, prefix: str) -> Iterator[tuple[str, str]]:

@@ -327,6 +327,7 @@ def find_keys(
         vectors=(
             *((part, name) for part in parts for name in each),
             (MESH_PRIM, "normals"),
+            *((part, "normals") for part in parts if part == BARB_PRIM),
             (MESH_PRIM, BARB_DIRECTION),
             *((RACHIS_PRIM, name) for name in BARB_NODE_PRIMVARS if form.condensed),
         ),

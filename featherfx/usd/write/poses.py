@@ -14,6 +14,7 @@ from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.feather.density import carry_motion
 from featherfx.feather.types import (
     RACHIS_PART,
+    BarbCurves,
     Feather,
     FeatherSurface,
     PointMap,
@@ -125,6 +126,7 @@ class PosedFeather:
         self.length = float(entry.feather.station[-1])
         self.left_leads = form.condensed and usd.condensed.left_leads(entry.feather)
         self._entry, self._surface, self.id = entry, surface, entry.id
+        self._space = space
         self.to_stage, self.to_origin = _stage_transform(space)
         self._accelerations = ACCELERATIONS in extras
         feather, barbs = entry.feather, entry.barbs
@@ -211,7 +213,7 @@ class PosedFeather:
         finite = self._place(out, _contiguous(nodes))
         if self.has_barbs and barbs:
             points = barbs.points if shift is None else barbs.points + shift
-            finite &= self._write(np.reshape(points, (-1, 3)), out[BARB_PRIM, "points"])
+            finite &= self._write_barbs(barbs, np.reshape(points, (-1, 3)), out)
         for (_, name), numbers in out.items():
             if name in RATES:
                 numbers[...] = 0.0
@@ -260,7 +262,7 @@ class PosedFeather:
             from featherfx.feather.splits import difference_rates
 
             curves = strands.joined(curves, strands.positions(points))
-        finite &= self._write(clumped(barbs, curves, *given.clumped), out[BARB_PRIM, "points"])
+        finite &= self._write_barbs(barbs, clumped(barbs, curves, *given.clumped), out)
         for name, values in rates.items():
             curves = _barb_points(barbs.points_map, values)
             if strands is not None:
@@ -269,6 +271,11 @@ class PosedFeather:
                 curves = strands.joined(curves, rate)
             finite &= self._write(clumped(barbs, curves, *given.clumped), out[BARB_PRIM, name])
         return finite
+
+    def _write_barbs(self, barbs: BarbCurves, points: Array, out: Written) -> bool:
+        """Write points of barbs, and their normals; return whether all are finite."""
+        out[BARB_PRIM, "normals"][:] = self._space.directions(barbs.normals(points))
+        return self._write(points, out[BARB_PRIM, "points"])
 
     def _hooked(self, given: FeatherPose) -> Array | None:
         """Return hooks of all triangles; None where all hold.

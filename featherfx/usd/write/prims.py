@@ -24,7 +24,8 @@ from pxr import Gf, Sdf, UsdGeom, UsdShade
 
 from featherfx import usd
 from featherfx.algebra.types import Array, Indices
-from featherfx.feather.types import LEADING, RACHIS_PART, TRAILING
+from featherfx.feather.types import LEADING, RACHIS_PART, TRAILING, BarbCurves
+from featherfx.files.content import stable_number
 from featherfx.groom.looks import RACHIS_COLOUR, VANE_COLOUR
 from featherfx.usd import arrays
 from featherfx.usd.types import (
@@ -71,7 +72,10 @@ _PRIMVARS = {
     "filmThickness": (_TYPES.FloatArray, UsdGeom.Tokens.vertex, 1),
     # 0 leading, 1 trailing, 2 rachis
     "side": (_TYPES.IntArray, UsdGeom.Tokens.uniform, 1),
-    # share of barbules that are hooked, of vanes whose hooks all hold
+    # of barbs: a number of each, its place on its vane from the base, and st of its root
+    **dict.fromkeys(("barbId", "barbIndex"), (_TYPES.IntArray, UsdGeom.Tokens.uniform, 1)),
+    "rootUv": (_TYPES.TexCoord2fArray, UsdGeom.Tokens.uniform, 1),
+    # share of barbules that are hooked, of vanes whose hooks all hold; of barbs at their points
     "hooked": (_TYPES.FloatArray, UsdGeom.Tokens.uniform, 1),
     # of condensed feathers, at the nodes of left and right barbs, as many a point as P_barbl has; a
     # diameter of 0 says that there is no barb
@@ -316,15 +320,37 @@ def define_barbs(
     barbs = [entry.barbs for entry in entries if entry.barbs is not None]
     counts = np.concatenate([np.full(*each.widths.shape) for each in barbs])
     prim = _define_curves(stage, path, counts, rest, group.barb_widths)
+    # through their points, from the first to the last
+    curve = UsdGeom.BasisCurves(prim)
+    curve.GetTypeAttr().Set(UsdGeom.Tokens.cubic)
+    curve.CreateBasisAttr(UsdGeom.Tokens.catmullRom)
+    curve.GetWrapAttr().Set(UsdGeom.Tokens.pinned)
     drawn = [0 if entry.barbs is None else len(entry.barbs.side) for entry in entries]
     curves = np.concatenate([[0], np.cumsum(drawn)])
     _author_owners(prim, group, entries, points=group.points[BARB_PRIM], curves=curves)
-    side = arrays.ints(np.concatenate([each.side for each in barbs]))
-    st = arrays.vec2f(np.concatenate([each.st.reshape(-1, 2) for each in barbs]))
-    author_primvars(prim, side=side, st=st, **paint_primvars(entries, BARB_PRIM))
+    ids = [barb_ids(entry.id, entry.barbs) for entry in entries if entry.barbs is not None]
+    author_primvars(
+        prim,
+        side=arrays.ints(np.concatenate([each.side for each in barbs])),
+        st=arrays.vec2f(np.concatenate([each.st.reshape(-1, 2) for each in barbs])),
+        barbId=arrays.ints(np.concatenate(ids)),
+        barbIndex=arrays.ints(np.concatenate([each.index for each in barbs])),
+        rootUv=arrays.vec2f(np.concatenate([each.st[:, 0] for each in barbs])),
+        **paint_primvars(entries, BARB_PRIM),
+    )
+    hooked = arrays.floats(np.concatenate([each.hooked.ravel() for each in barbs]))
+    author_primvars(prim, UsdGeom.Tokens.vertex, hooked=hooked)
     drawn = np.diff(group.points[BARB_PRIM]).tolist()
     shades = join_shades(entries, "barbs", drawn)
     _author_look(prim, "vane", materials, shades, "" if shades is None else UsdGeom.Tokens.vertex)
+
+
+def barb_ids(feather: str, barbs: BarbCurves) -> Indices:
+    """Return (B,) numbers below 2^31 that stay with a barb of a feather's id, for random draws."""
+    from featherfx.groom.regions.scatter import hashed  # only where barbs are drawn
+
+    numbers = hashed(stable_number(feather), 0, 2 * barbs.index + barbs.side)
+    return (numbers >> np.uint64(33)).astype(np.int64)
 
 
 def _define_curves(stage: Any, path: Any, counts: Any, rest: Any, widths: Any) -> Any:
