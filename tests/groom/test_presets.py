@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
+from commands import invoke
 
 from featherfx.errors import InputError
+from featherfx.groom.keys.anatomy import TRACTS
 from featherfx.groom.keys.problems import Problems
 from featherfx.groom.presets.library import Library
-from featherfx.groom.presets.presets import check_preset, list_presets, load_preset, show
+from featherfx.groom.presets.presets import (
+    check_preset,
+    describe_preset,
+    list_presets,
+    load_preset,
+    show,
+)
+from tests import bird_counts
 
 
 @pytest.fixture(autouse=True)
@@ -89,6 +99,32 @@ def test_shown_preset_is_toml_that_gives_the_same_preset(tmp_path: Path, name: s
     shown = show(f"{name.rpartition('/')[0]}/copied", [tmp_path])
     copied = [line.partition("  #")[0] for line in shown.splitlines()[1:]]
     assert copied == [line.partition("  #")[0] for line in text.splitlines()[1:]]
+
+
+@pytest.mark.parametrize("name", ["pigeon", "swan", "ostrich"])
+def test_tracts_of_a_bird_have_counts_lengths_and_sources(name: str) -> None:
+    found = json.loads(invoke("presets", "show", f"bird/{name}", "--json").stdout)
+    assert set(TRACTS) <= set(found["tracts"])
+    for tract, each in found["tracts"].items():
+        assert (each["count"] or 0) > 0 or each["relative_density"] == 0.0, tract
+        assert each["length"] == found["values"]["tracts"][tract]["length"]
+        assert each["cites"] == []
+    assert found["sources"]["tracts"]["breast"]["length"].endswith(f"{name}.toml")
+
+
+def test_a_bird_of_ones_own_cites_and_has_no_counts(tmp_path: Path) -> None:
+    (tmp_path / "bird").mkdir()
+    text = 'base = "pigeon"\n[tracts.breast]\ncites = ["Wetmore 1936, Auk 53: 159"]\n'
+    (tmp_path / "bird" / "dove.toml").write_text(text)
+    breast = describe_preset("bird/dove", [tmp_path])["tracts"]["breast"]
+    assert list(breast["cites"]) == ["Wetmore 1936, Auk 53: 159"]
+    assert breast["count"] is None
+
+
+@pytest.mark.nightly
+def test_counts_of_tracts_are_what_grows(tmp_path: Path) -> None:
+    counts = json.loads(bird_counts.COUNTS.read_text())
+    assert bird_counts.count_feathers("sparrow", tmp_path) == counts["sparrow"]
 
 
 def test_user_folder_wins_and_may_extend_the_shipped_preset(tmp_path: Path) -> None:
