@@ -123,6 +123,7 @@ def build(groom: Groom, quality: Quality | str = "final") -> tuple[Feather, ...]
     Raises InputError with the problems of all feathers that cannot be built.
     """
     require_type("groom", groom, Groom, "a Groom, such as shot.groom or read_groom(path)")
+    require_type("quality", quality, str | Quality, "a preset's name, or a Quality")
     grid = read_quality(quality) if isinstance(quality, str) else quality
     return tuple(build_feathers(groom.feathers, grid.rows, grid.columns))
 

@@ -150,6 +150,8 @@ def bake(
 
         bake_on_cluster(shots, style, options, farm)
         return
+    for output in (each for each in shots[1:] if each.suffix in (".usd", ".usda", ".usdc")):
+        raise click.UsageError(f"{output} is no shot. Write -o {output} for what is written")
     if len(shots) > 1 or any(farm.values()):
         raise click.UsageError(
             "several shots, --scheduler, --workers and --shares are for --engine dask. Add it, or"

@@ -214,7 +214,7 @@ def retime(
     last frame is its first.
     """
     if sum(each is not None for each in (speed, keys, loop)) != 1:
-        raise click.UsageError("give one of --speed, --keys and --loop")
+        raise click.UsageError("Give one of --speed, --keys and --loop")
     with Progress("frames", style):
         pipeline.retime(cache, output, speed=speed, keys=keys, loop=loop, overwrite=overwrite)
     click.echo(str(output), err=True)

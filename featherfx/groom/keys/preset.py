@@ -427,4 +427,4 @@ PRESET_FAMILIES = {
 
 def names_or_list(item: ValueType, most: int) -> Either:
     """One text, or an array of them."""
-    return Either({list: ArrayOf(item, 1, most), str: Text()})
+    return Either({str: Text(), list: ArrayOf(item, 1, most)})

@@ -27,7 +27,7 @@ _LONGEST_COMPARED = 200  # characters; comparing takes their square
 class Problems:
     """Collects problems in the order in which they are found, each once.
 
-    file_keys: keys of the file itself, which a table may have swallowed. groom_keys: those of the
+    file_keys: keys that the file lacks, which a table may have swallowed. groom_keys: those of the
     groom that a shot names.
     """
 

@@ -116,7 +116,7 @@ def groom_of(
 ) -> Groom | None:
     """The groom of tables as they stand in a file at path, under a key; see collect_groom."""
     place = Place(str(path), key, library.problems)
-    place.problems.file_keys = place.problems.file_keys or GROOM_FILE.keys
+    place.problems.file_keys = place.problems.file_keys or GROOM_FILE.keys - raw.keys()
     parts = GROOM_FILE.parts(raw, place)
     if readers is not None:
         readers = replace(readers, skin=cache_skins(readers.skin))

@@ -104,7 +104,8 @@ def _collect(
         told = "a groom" if kind == "groom" else f"a {kind} preset"
         more = f', a file with groom = "{path.name}" and frames' if kind == "groom" else ""
         place.refuse(f"is {told}, expects a shot{more}")
-    place.problems.file_keys, place.problems.groom_keys = SHOT_FILE.keys, GROOM_FILE.keys
+    place.problems.file_keys = SHOT_FILE.keys - raw.keys()
+    place.problems.groom_keys = GROOM_FILE.keys
     parts = SHOT_FILE.parts(raw, place)
     sound = not len(problems)
     groom = _groom(raw, parts, place, library, readers)

@@ -83,7 +83,8 @@ def choose_time_codes(cache: Cache, frames: Sequence[float] | None) -> list[floa
         return [*whole]
     outside = [code for code in frames if not first <= code <= last]
     if outside:
-        message = f"{outside[0]:g} is out of range. Give {first:g} to {last:g}"
+        given = f"{frames[0]:g} to {frames[-1]:g}"
+        message = f"{given} is out of range. Give frames from {first:g} to {last:g}"
         raise InputError(Problem("frames", "", message))
     return [float(code) for code in frames]
 

@@ -111,6 +111,7 @@ class FeatherCache(Mapping[str, FeatherTrack]):
 
 def open_cache(path: str | Path) -> FeatherCache:
     """Open a cache. Raises InputError where the file cannot be opened or holds no feather."""
+    require_type("path", path, str | Path, "the path of a cache")
     cache = FeatherCache(path)
     len(cache)
     return cache

@@ -64,7 +64,8 @@ def open_stage(path: str | Path) -> Any:
     path = locate_file(Path(), str(path))
     file, inner = locate_package(path)
     if not file.is_file():
-        told = irregular(file) or "there is no such file. Check the path"
+        fault = irregular(file)
+        told = f"{fault}. Name a USD file" if fault else "there is no such file. Check the path"
         raise InputError(Problem(str(path), "", told))
     if not os.access(file, os.R_OK):
         raise InputError(Problem(str(path), "", "may not be read. Check its permissions"))
