@@ -131,7 +131,7 @@ def _put(host: Host, folder: Path, target: Path, finder: Path | None) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     beside = Path(tempfile.mkdtemp(dir=folder, prefix=".featherfx_"))
     try:
-        made, before = _made(host, beside / "new", target), beside / "old"
+        made, before = _made(host, beside / "new"), beside / "old"
         if target.exists():
             os.rename(target, before)
         try:
@@ -162,17 +162,14 @@ def _refuse(target: Path, finder: Path | None, overwrite: bool) -> None:
         raise InputError(Problem(str(finder), "", told))
 
 
-def _made(host: Host, folder: Path, target: Path) -> Path:
+def _made(host: Host, folder: Path) -> Path:
     """The plugin's folder, complete, at a temporary place."""
-    source = _SHIPPED
     ignored = shutil.ignore_patterns("__pycache__", *([host.finder] if host.finder else []))
-    for part in (source / host.name, source / "shared"):
-        shutil.copytree(part, folder, ignore=ignored, dirs_exist_ok=True)
-    texts = {_MARK: {"host": host.name, "version": __version__}}
-    for name, content in texts.items():
+    for part in (host.name, "shared"):
+        shutil.copytree(_SHIPPED / part, folder, ignore=ignored, dirs_exist_ok=True)
+    mark = {"host": host.name, "version": __version__}
+    for name, content in ((_MARK, mark), (_COMMAND, [sys.executable, "-m", "featherfx"])):
         (folder / name).write_text(json.dumps(content) + "\n", encoding="utf-8")
-    command = [sys.executable, "-m", "featherfx"]
-    (folder / _COMMAND).write_text(json.dumps(command) + "\n", encoding="utf-8")
     return folder
 
 

@@ -90,16 +90,6 @@ def kept_before(what: str, inputs: Sequence[Any]) -> Arrays | None:
     return None if file is None else _load(file)
 
 
-def is_kept(what: str, inputs: Sequence[Any]) -> bool:
-    """Return whether there is such an entry; it then counts as used lately."""
-    file = _file_of(what, inputs)
-    if file is None or not file.is_file():
-        return False
-    with contextlib.suppress(OSError):
-        os.utime(file)
-    return True
-
-
 def keep(what: str, inputs: Sequence[Any], arrays: Mapping[str, Any]) -> None:
     """Keep arrays, if the system lets us."""
     file = _file_of(what, inputs)

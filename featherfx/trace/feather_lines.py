@@ -68,10 +68,10 @@ def shaft_of(laid: AlignedPicture, source: str) -> ShaftLine:
         message = "the shaft does not show in the picture. Give its line from base to tip (--shaft)"
         raise InputError(Problem(source, "", message))
     along = columns.astype(np.float64)
-    return _even(np.stack([along, _smooth(along, path.astype(np.float64), shown)], axis=1))
+    return _even(np.stack([along, _smooth(path.astype(np.float64), shown)], axis=1))
 
 
-def _smooth(along: Array, path: Array, shown: Array) -> Array:
+def _smooth(path: Array, shown: Array) -> Array:
     """(U,) the smooth line nearest to the path (U,), which counts by how much it shows (U,): least
     squares with a penalty on third differences (Whittaker 1923)."""
     rough, weight = _roughness(len(path)), shown

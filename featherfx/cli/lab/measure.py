@@ -13,7 +13,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import click
-import numpy as np
 
 from featherfx.baking import corpus
 from featherfx.baking.pipeline import bake
@@ -101,14 +100,6 @@ def measure_scaling(preset: str) -> None:
             for rule, size, tip, barbs, rate in accuracy.scaling_rows(preset)
         ),
     )
-
-
-@measure.command("hooks", cls=Command)
-@click.argument("pairs", type=WholeNumber(min=1), default=100)
-def measure_hooks(pairs: int) -> None:
-    """Cost of hooks that may open, over that of closed ones, while none slips."""
-    low, median, high = np.quantile(accuracy.hook_ratios(pairs), (0.25, 0.5, 0.75))
-    click.echo(f"median {median:.3f} (half of the pairs {low:.3f} to {high:.3f})")
 
 
 @measure.command("kernels", cls=Command)

@@ -70,10 +70,9 @@ if __name__ == "__main__":
     print(_measured())
 
 
-_METHODS: dict[str, Method] = {"barb-curvature": barb_curvature}
 # methods that are compared on one setting; the slow ones would spend hours on the whole front
 _COMPARED: dict[str, Method] = {
-    **_METHODS,
+    "barb-curvature": barb_curvature,
     "nodal, improved": nodal("improved"),
     "nodal, textbook": nodal("textbook"),
 }
@@ -86,8 +85,7 @@ _COST = "ms a simulated second"
 def all_tables(extent: Extent, jobs: int) -> Iterator[ResultTable]:
     """Every table, one after another, so that progress can be shown. jobs: of the thread test."""
     kind = swan_primary()
-    for method in _METHODS.values():
-        method(kind, replace(PRODUCTION, duration=1.0 / 24.0))  # compiles before anything is timed
+    barb_curvature(kind, replace(PRODUCTION, duration=1.0 / 24.0))  # compiles before all is timed
     reference = barb_curvature(kind, extent.reference)
     yield steps_table(kind, extent, reference)
     yield methods_table(kind, extent)
@@ -226,9 +224,7 @@ def front_shakes(extent: Extent) -> Iterator[Shake]:
 
 def front_table(kind: FeatherKind, extent: Extent, reference: ShakeRun) -> ResultTable:
     """Time against the trajectory's error."""
-    rows: list[Row] = []
-    for name, method in _METHODS.items():
-        rows += [_front_row(kind, name, method, shake, reference) for shake in front_shakes(extent)]
+    rows = [_front_row(kind, shake, reference) for shake in front_shakes(extent)]
     finest = extent.reference
     note = (
         "Error: largest distance of any rachis point or vane edge, at any frame of half a second,"
@@ -240,17 +236,15 @@ def front_table(kind: FeatherKind, extent: Extent, reference: ShakeRun) -> Resul
     return ResultTable("front", "Run time against error", note, rows)
 
 
-def _front_row(
-    kind: FeatherKind, name: str, method: Method, shake: Shake, reference: ShakeRun
-) -> Row:
+def _front_row(kind: FeatherKind, shake: Shake, reference: ShakeRun) -> Row:
     try:
-        run = method(kind, shake)
+        run = barb_curvature(kind, shake)
         error, milliseconds = trajectory_error(run, reference, kind.length), 1e3 * run.seconds
         iterations, steps = run.step_iterations, run.steps
     except SimulationError:
         error, milliseconds, iterations, steps = float("inf"), float("inf"), 0.0, 0
     return {
-        "method": name,
+        "method": "barb-curvature",
         "rows": shake.rows,
         "columns": shake.columns,
         "coefficients": shake.coefficients,

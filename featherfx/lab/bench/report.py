@@ -9,7 +9,7 @@ import json
 import os
 import platform
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
@@ -57,16 +57,6 @@ def _processor() -> str:
     return names[0] if names else platform.processor() or "unknown"
 
 
-def front_of(tables: Sequence[ResultTable]) -> ResultTable | None:
-    """The settings that no other beats in time and error."""
-    found = [table for table in tables if table.name == "front"]
-    if not found:
-        return None
-    rows = pareto(found[0].rows, _COST, _ERROR)
-    note = "The settings of the table of run time against error that no other beats in both."
-    return ResultTable("pareto", "Best settings", note, rows)
-
-
 def page(tables: Sequence[ResultTable], program: str) -> str:
     """The run as Markdown. program: version."""
     date, facts = facts_of(machine(program))
@@ -74,31 +64,12 @@ def page(tables: Sequence[ResultTable], program: str) -> str:
         f"# Benchmarks\n\n{_INTRODUCTION}",
         f"Measured on {date}. Machine and versions: {facts}.\n",
     ]
-    front = front_of(tables)
     for table in tables:
-        if table.name == "front" and front is not None:
+        if table.name == "front":
             # the whole list is in the CSV file; the page shows what a user may want to choose
-            parts.append(as_markdown(ResultTable("front", table.title, table.note, front.rows)))
-        else:
-            parts.append(as_markdown(table))
-        if table.name == "presets":
-            parts.append(presets_text(table))
+            table = replace(table, rows=pareto(table.rows, _COST, _ERROR))
+        parts.append(as_markdown(table))
     return "\n".join(parts)
-
-
-def presets_text(table: ResultTable) -> str:
-    """Describe cost and error of the quality presets."""
-    sentences = [
-        f"`{row['preset']}` errs by {100.0 * row[_ERROR]:.2g} % of the feather's length and takes"
-        f" {shown(row[_COST])} ms of one core a simulated second and feather."
-        for row in table.rows
-    ]
-    closing = (
-        "This shake in vacuum is harsher than most shots: it starts within a twelfth of a second"
-        " and no air damps the vane's own vibrations, which the steps must resolve. Compare with"
-        " the front below, where the same errors may be had for less."
-    )
-    return " ".join([*sentences, closing]) + "\n"
 
 
 def write(folder: Path, tables: Sequence[ResultTable], program: str) -> list[Path]:

@@ -27,8 +27,6 @@ from featherfx.solver.solver import RootPath, Settings, Solver, raise_if_failed
 from featherfx.solver.state import rest_state
 
 _AMPLITUDE, _FREQUENCY = 0.05, 3.0
-# m/s^2, largest of the root
-ACCELERATION = _AMPLITUDE * (2.0 * math.pi * _FREQUENCY) ** 2
 _OUTPUT_RATE = 24.0
 _PATH_SAMPLES = 5
 _NO_ERROR_CONTROL = 1e30
@@ -87,7 +85,7 @@ class ShakeRun:
         return self.iterations / self.steps
 
 
-# A method takes a feather kind through a shake. Others are added to METHODS in experiments.py.
+# A method takes a feather kind through a shake.
 Method = Callable[[FeatherKind, Shake], ShakeRun]
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import random
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -119,33 +118,3 @@ def scaling_rows(preset: str) -> Iterator[tuple[str, float, float, float, float]
             down = (start.points.nodes[0] - state.points.nodes[0])[..., 2] / kind.length
             barbs = (down[:, 1:] - down[:, :1]).max()
             yield rule, size, float(down[-1, 0]), float(barbs), frequencies(model, 0, 1)[0]
-
-
-def _sag(solver: Solver) -> float:
-    """Return processor seconds of 40 frames of 1/96 s in which a feather sags."""
-    state = _at_rest(solver)
-    begin = time.process_time()
-    for _ in range(40):
-        solver.advance(state, no_loads(1, _GRAVITY), hold_roots(state), 1.0 / 96.0)
-    spent = time.process_time() - begin
-    if solver.model.hooked and (state.gaps.slip.any() or (state.gaps.hooked < 1.0).any()):
-        raise RuntimeError("A gap has slipped, so that the two feathers do not compare.")
-    return spent
-
-
-def hook_ratios(pairs: int) -> list[float]:
-    """Return processor time with hooks that may open over that with closed ones, pair by pair.
-
-    A swan primary sags; no hook slips. The order within each pair is random.
-    """
-    kind, solvers = feather_kind("swan_primary"), {}
-    for hooks in ("closed", "open"):
-        own = replace(kind, vane_material=replace(kind.vane_material, hooks=hooks))
-        model = make_model([build_feather(own, _ROWS, _COLUMNS)], [own], 1)
-        solvers[hooks] = Solver(model, Settings())
-        _sag(solvers[hooks])  # compiles
-    order, ratios = random.Random(1), []
-    for _ in range(pairs):
-        spent = {hooks: _sag(solvers[hooks]) for hooks in order.sample(list(solvers), 2)}
-        ratios.append(spent["open"] / spent["closed"])
-    return ratios
