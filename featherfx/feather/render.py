@@ -30,7 +30,9 @@ if TYPE_CHECKING:
 
 # Pieces that a barb is drawn with.
 BARB_SEGMENTS = 8
-_BARB_FRACTION = 0.14  # of a vane's area
+_RAMUS_FRACTION = 0.14  # of a vane's area
+_MIN_GAP_RATIO = 0.1  # of a barb's mean distance from its neighbours; by eye
+_END_FRACTION = 0.5  # of a ribbon's width, at its end; by eye
 
 
 @lru_cache(maxsize=1024)
@@ -56,10 +58,12 @@ def barb_curves(kind: FeatherKind, grid: tuple[int, int], count: int, mirrored: 
     the outline leaves no length are left out. Barbs of vanes that may part follow the lips of
     splits. Raises InputError as build_feather does.
 
-    Barbs cover 0.14 of a vane (Jouve 2024, section 5.2): as wide a part of the distance g to their
-    neighbours, on average. They taper (Jouve et al. 2024, section 3), evenly, u from root to end:
+    A curve is a flat ribbon across its normals, as wide as the distance g to its neighbours: the
+    barb with its barbules, which cover all of a hooked vane. Its end is half as wide. The ramus
+    itself covers 0.14 of a vane (Jouve 2024, section 5.2), as wide a part of the distance on
+    average. It tapers (Jouve et al. 2024, section 3), evenly, u from root to end:
 
-        width = 0.14 g (3/2 - u)
+        ramus = 0.14 mean(g) (3/2 - u)
     """
     rows = max(3, round(count / (1.0 - kind.calamus)) + 2)
     feather, whole = build_feather(kind, *grid, mirrored), _without_splits(kind)
@@ -94,6 +98,7 @@ def barb_curves(kind: FeatherKind, grid: tuple[int, int], count: int, mirrored: 
     barbs = BarbCurves(
         points=points,
         widths=np.zeros(u.shape),
+        ramus=np.zeros(u.shape),
         side=side,
         st=np.stack([u, np.broadcast_to(station[:, None], u.shape)], axis=-1),
         points_map=points_map,
@@ -103,7 +108,9 @@ def barb_curves(kind: FeatherKind, grid: tuple[int, int], count: int, mirrored: 
     )
     whole_points = dense.rest.nodes.reshape(-1, 3)[picked]
     gaps = _gaps(barbs, whole_points, kind.length * (1.0 - kind.calamus) / count)
-    return replace(barbs, widths=_BARB_FRACTION * gaps[:, None] * (1.5 - along))
+    widths = gaps * np.where(along < 1.0, 1.0, _END_FRACTION)
+    ramus = _RAMUS_FRACTION * gaps.mean(axis=1, keepdims=True) * (1.5 - along)
+    return replace(barbs, widths=widths, ramus=np.minimum(ramus / widths, 1.0))
 
 
 def _hooked(kind: FeatherKind, side: Indices, places: Array, along: Array) -> Array:
@@ -117,14 +124,15 @@ def _hooked(kind: FeatherKind, side: Indices, places: Array, along: Array) -> Ar
 
 
 def _gaps(barbs: BarbCurves, points: Array, usual: float) -> Array:
-    """(B,) m, mean distance of barbs from their neighbours. usual: of one alone."""
+    """(B, K) m, mean distances of barbs from their neighbours. usual: of one alone."""
     before, after = barbs.neighbours
     steps = points[after] - points[before]
     steps /= np.maximum(after - before, 1)[:, None, None]
     along = np.gradient(points, axis=1)
     along /= np.maximum(np.linalg.norm(along, axis=2, keepdims=True), 1e-300)
-    gaps = np.linalg.norm(np.cross(steps, along), axis=2).mean(axis=1)
-    return np.where(after > before, gaps, usual)
+    gaps = np.linalg.norm(np.cross(steps, along), axis=2)
+    least = _MIN_GAP_RATIO * gaps.mean(axis=1, keepdims=True)  # where barbs meet
+    return np.where((after > before)[:, None], np.maximum(gaps, least), usual)
 
 
 def _without_splits(kind: FeatherKind) -> FeatherKind:

@@ -229,7 +229,8 @@ class RowMap(NamedTuple):
 class BarbCurves:
     """Barbs of a feather as B curves of K points, from base to tip, leading vane first.
 
-    points: (B, K, 3) m, at rest, root first. widths: (B, K) m, across the barb within the vane.
+    points: (B, K, 3) m, at rest, root first. widths: (B, K) m, of barbs with their barbules within
+    the vane. ramus: (B, K) part of the width that the barb itself has.
     side: (B,) LEADING or TRAILING. st: (B, K, 2) texture coordinates, those of the vane's surface.
     points_map: from the simulated feather's rows (or rates) to points. hooked: (B, K) share of
     barbules that are hooked. mirrored: whether the feather is. strands: splits.SplitBarbs of the
@@ -238,6 +239,7 @@ class BarbCurves:
 
     points: Array
     widths: Array
+    ramus: Array
     side: Indices
     st: Array
     points_map: PointMap

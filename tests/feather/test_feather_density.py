@@ -163,11 +163,10 @@ def test_barbs_are_as_many_as_asked_for_and_follow_the_vane(swan):
         assert abs(np.sum(barbs.side == side) - 300) <= 3
     np.testing.assert_allclose(barbs.points_map(coarse.rest), barbs.points, atol=1e-14)
     assert barbs.widths.shape == barbs.points.shape[:2]
-    assert np.all(np.diff(barbs.widths, axis=1) <= 0)
-    # 0.14 of their distance, which is less across oblique barbs than along the rachis
+    # as wide as they are apart, which is less across oblique barbs than along the rachis
     apart = swan.length * (1.0 - swan.calamus) / 300
-    assert np.all(barbs.widths.mean(axis=1) < 0.14 * apart)
-    assert np.all(barbs.widths.mean(axis=1) > 0.03 * apart)
+    assert np.all(barbs.widths < 1.1 * apart)
+    assert np.all(barbs.widths.mean(axis=1) > 0.2 * apart)
     lengths = np.linalg.norm(np.diff(barbs.points_map(bent(coarse)), axis=1), axis=2).sum(axis=1)
     rest = np.linalg.norm(np.diff(barbs.points, axis=1), axis=2).sum(axis=1)
     assert np.abs(lengths - rest).max() < 2e-3 * rest.max()

@@ -75,6 +75,8 @@ _PRIMVARS = {
     # of barbs: a number of each, its place on its vane from the base, and st of its root
     **dict.fromkeys(("barbId", "barbIndex"), (_TYPES.IntArray, UsdGeom.Tokens.uniform, 1)),
     "rootUv": (_TYPES.TexCoord2fArray, UsdGeom.Tokens.uniform, 1),
+    # part of a width that the barb itself has, without its barbules
+    "ramus": (_TYPES.FloatArray, UsdGeom.Tokens.vertex, 1),
     # share of barbules that are hooked, of vanes whose hooks all hold; of barbs at their points
     "hooked": (_TYPES.FloatArray, UsdGeom.Tokens.uniform, 1),
     # of condensed feathers, at the nodes of left and right barbs, as many a point as P_barbl has; a
@@ -338,8 +340,10 @@ def define_barbs(
         rootUv=arrays.vec2f(np.concatenate([each.st[:, 0] for each in barbs])),
         **paint_primvars(entries, BARB_PRIM),
     )
-    hooked = arrays.floats(np.concatenate([each.hooked.ravel() for each in barbs]))
-    author_primvars(prim, UsdGeom.Tokens.vertex, hooked=hooked)
+    shares = {"hooked": [each.hooked for each in barbs], "ramus": [each.ramus for each in barbs]}
+    for name, values in shares.items():
+        joined = arrays.floats(np.concatenate(values).ravel())
+        author_primvars(prim, UsdGeom.Tokens.vertex, **{name: joined})
     drawn = np.diff(group.points[BARB_PRIM]).tolist()
     shades = join_shades(entries, "barbs", drawn)
     _author_look(prim, "vane", materials, shades, "" if shades is None else UsdGeom.Tokens.vertex)
