@@ -44,7 +44,7 @@ _EMPTY = 0.3  # what a place without a picture counts, against the logarithm of 
 def label(picture: Picture, text: str, below: bool = False) -> Picture:
     """The picture with a text in its upper left corner, or the lower left one."""
     image, draw = _canvas(picture)
-    size = _text_size(min(picture.shape[:2]))
+    size = max(12, min(picture.shape[:2]) // 22)
     top = picture.shape[0] - 1.9 * size if below else 0.7 * size
     draw.text((size, top), text, fill=_INK, font=_font(size))
     return np.asarray(image)
@@ -142,10 +142,6 @@ def _draw_legend(draw: Any, key: Legend, size: int, width: int) -> None:
 def _canvas(picture: Picture) -> tuple[Any, Any]:
     image = Image.fromarray(picture)
     return image, ImageDraw.Draw(image)
-
-
-def _text_size(height: int) -> int:
-    return max(12, height // 22)
 
 
 def _font(size: float) -> Any:

@@ -161,7 +161,8 @@ def fit_course(arc: FittedCurve, points: Array, up: Array, tightest: Array) -> F
         turnings = _broken_line(pieces) @ headings[_sampled(ends)]
         found = _with_course(arc, start, up, turnings)
         found = replace(found, deviation=_deviation(points, sizes, up, found))
-        if found.deviation < best.deviation and _turns_within(found, tightest):
+        turning = turning_within(found, len(tightest))
+        if found.deviation < best.deviation and (turning <= tightest).all():
             best = found
     return best
 
@@ -174,10 +175,6 @@ def _carried(points: Array, up: Array) -> tuple[Array, Array, Array]:
     tangents = steps / sizes[:, None]
     start = frames_from(tangents[0], up)
     return start, sizes, np.stack(_headings(tangents, start), axis=1)
-
-
-def _turns_within(fit: FittedCurve, tightest: Array) -> bool:
-    return bool((turning_within(fit, len(tightest)) <= tightest).all())
 
 
 def turning_within(fit: FittedCurve, count: int) -> Array:

@@ -84,11 +84,6 @@ def read_members(prim: Any) -> list[FeatherMember]:
     ]
 
 
-def read_barb_count(prim: Any) -> int:
-    """Return real barbs along each vane of a prim's only feather; 0: not known."""
-    return next(iter(_read_barb_counts(prim)), 0)
-
-
 def _read_barb_counts(prim: Any) -> list[int]:
     found = read_array(_primvar(prim, BARB_COUNT_PRIMVAR).GetAttr(), DEFAULT_TIME, INTEGER_ARRAY)
     return [] if found is None else np.maximum(found, 0).astype(int).tolist()
@@ -282,7 +277,7 @@ def _read_whole_mesh(mesh: Any) -> CachedFeather:
         ),
         is_feather=bool(authored),
         look=_read_look(prim, label(LOOK_PRIMVAR, "")),
-        barb_count=read_barb_count(prim),
+        barb_count=next(iter(_read_barb_counts(prim)), 0),
         film=own("filmThickness", NUMBER_ARRAY, total),
     )
 

@@ -318,11 +318,6 @@ class ChunkWriter:
         return _ChunkPoses(moved, [None] * len(groups), [[] for _ in groups])
 
 
-def open_chunk(path: Path) -> Any:
-    """Return a chunk's layer, whose values are read on demand."""
-    return Sdf.Layer.OpenAsAnonymous(str(path))
-
-
 def assemble_cache(
     layers: CacheLayers,
     info: StageInfo,
@@ -432,7 +427,7 @@ def _open_checked(parts: Parts, number: int) -> Any:
     chunk = None
     with contextlib.suppress(OSError, Tf.ErrorException):
         if path.stat().st_size == record.bytes:
-            chunk = open_chunk(path)
+            chunk = Sdf.Layer.OpenAsAnonymous(str(path))  # values are read on demand
     ends = record.codes[0], record.codes[-1]
     if chunk is None or (chunk.startTimeCode, chunk.endTimeCode) != ends:
         raise chunk_error(path)
