@@ -297,11 +297,22 @@ def scenery_of(shot: Shot, path: Path) -> dict[str, Any]:
     skin = () if shot.skin is None else shot.skin.parts
     found = [("skin", part.surface, shot.skin.clock) for part in skin if shot.skin is not None]
     found += [("collider", each.surface, each.clock) for each in shot.colliders]
+    bodies = {}
+    if shot.motion.kind == "act" and shot.skin is not None:
+        from featherfx.usd.write.body import list_bodies
+
+        bodies = {body.file: file for file, body in list_bodies(shot, path).items()}
     # a collider may be the skin, too
     known = {(each[1].file, each[1].path): each for each in reversed(found)}
     return _told_scenery(
         [
-            _scenery(path, role, surface.file, surface.path, surface.variant_sets)
+            _scenery(
+                path,
+                role,
+                bodies.get(surface.file, surface.file) if role == "skin" else surface.file,
+                surface.path,
+                surface.variant_sets,
+            )
             | {"start": clock.start, "time_codes_per_frame": float(clock.step)}
             | ({} if surface.subdivision else {"subdivision": False})
             for role, surface, clock in reversed(known.values())

@@ -1015,6 +1015,7 @@ ELSEWHERE = {
     "shot.target.shape": "tests/shot/test_targets.py",
     "shot.target.frame": "tests/shot/test_targets.py",
     "shot.level_of_detail": "tests/shot/test_levels.py",
+    "motion.body": "tests/shot/test_body.py",
     "motion.cites": "tests/shot/test_wing_beat.py",
     "motion.span_ratio": "tests/shot/test_wing_beat.py",
     "motion.by_eye": "tests/shot/test_wing_beat.py",

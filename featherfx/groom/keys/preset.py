@@ -391,7 +391,13 @@ MOTION_KEYS: dict[str, dict[str, Key]] = {
             ArrayOf(PartPreset(_PRESET), 1, 100),
             "Motions one upon the other: each moves the groom as those before it have left it. "
             "Those whose joints the groom lacks are left out, as long as one is left.",
-        )
+        ),
+        "body": Key(
+            Text(("skin", "act")),
+            "What moves the body beside a [skin]: skin, its own motion; act, turns and ways of the "
+            "whole groom, which carry the skin as it is at the first frame.",
+            "skin",
+        ),
     },
 }
 

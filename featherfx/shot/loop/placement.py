@@ -46,7 +46,12 @@ def place_feathers(shot: Shot) -> Shot:
     """
     groom = lay_out(shot.groom)
     _refuse_touching_crowds(replace(shot, groom=groom))
-    skin = shot.surfaces.bind(groom) if shot.surfaces is not None else shot.skin
+    skin = shot.skin
+    if shot.surfaces is not None:
+        surfaces = shot.surfaces
+        if shot.motion.kind == "act":
+            surfaces = load_name("motion.body:carry_body")(replace(shot, groom=groom), surfaces)
+        skin = surfaces.bind(groom)
     if skin is not None:
         _refuse_crowds(groom.feathers, str(shot.source), "skin", "since these shelter each other")
     exposure = None
