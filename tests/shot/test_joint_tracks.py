@@ -59,6 +59,7 @@ def test_rows_and_commands_hold_the_same(tmp_path):
     shot = read_shot(SHOT)
     tracks = find_tracks(shot)
     assert told["frames"] == json.loads(json.dumps(list(frame_rows(shot, tracks))))
+    assert told["frames"][0]["wings"]["left"]["downstroke"] == tracks.wings["left"].downstroke
     assert [row["frame"] for row in told["frames"]] == list(range(1, 25))
     last = told["frames"][-1]["joints"]["right_wrist"]
     np.testing.assert_allclose(

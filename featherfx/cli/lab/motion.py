@@ -37,14 +37,14 @@ def motion(shot: Path, preset_folders: tuple[Path, ...], as_json: bool) -> None:
     read = read_shot(shot, preset_folders)
     tracks = find_tracks(read)
     rows = list(frame_rows(read, tracks))
-    strokes = {side: wing.downstroke for side, wing in tracks.wings.items()}
     if as_json:
-        print_json(plain({"frames": rows, "rates": tracks.largest_rates(), "downstroke": strokes}))
+        print_json(plain({"frames": rows, "rates": tracks.largest_rates()}))
         return
     for row in rows:
         for side, wing in row["wings"].items():
             click.echo(f"frame {row['frame']:4}  {side:5}  {_angles(wing)}")
-    for side, share in strokes.items():
+    for side, wing in tracks.wings.items():
+        share = wing.downstroke
         told = "makes no whole beat" if share is None else f"falls for {share:.0%} of a beat"
         click.echo(f"{side} wing {told}")
     for line in rate_lines(tracks.largest_rates()):

@@ -181,7 +181,7 @@ def rate_lines(rates: dict[str, dict[str, float]]) -> Iterator[str]:
 
 def frame_rows(shot: Shot, tracks: JointTracks) -> Iterator[dict[str, Any]]:
     """Yield a dict for each whole frame: `frame`, `joints` with `position` (m) and `rotation`
-    (w, x, y, z), and `wings` with their angles (rad)."""
+    (w, x, y, z), and `wings` with their angles (rad) and `downstroke` of the shot."""
     quats = frames_to_quats(tracks.rotations)
     names = [name for name in WingTrack.__dataclass_fields__ if name != "downstroke"]
     for number, frame in enumerate(range(shot.first_frame, shot.last_frame + 1)):
@@ -190,8 +190,10 @@ def frame_rows(shot: Shot, tracks: JointTracks) -> Iterator[dict[str, Any]]:
             name: {"position": tracks.positions[k, j].tolist(), "rotation": quats[k, j].tolist()}
             for j, name in enumerate(tracks.names)
         }
-        wings = {
+        wings: dict[str, dict[str, float | None]] = {
             side: {name: float(getattr(wing, name)[k]) for name in names}
             for side, wing in tracks.wings.items()
         }
+        for side, wing in tracks.wings.items():
+            wings[side]["downstroke"] = wing.downstroke
         yield {"frame": frame, "joints": joints, "wings": wings}
