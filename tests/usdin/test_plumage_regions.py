@@ -305,3 +305,14 @@ def test_how_far_regions_have_grown_is_told(folder):
     found = [(each.done, each.total) for each in told if each.name == "growing"]
     assert found == [(0, 280), (200, 280), (250, 280), (280, 280), (280, 280)]
     assert [each.left is None for each in told if each.name == "growing"][2:] == [False] * 3
+
+
+@pytest.mark.parametrize("names", [("one",), ("one", "other")])
+def test_regions_without_any_skin_are_told_once(folder, names):
+    nowhere = "density = 1e4\nwhere = [{ x = [5, 6] }]"
+    with pytest.warns(InputWarning, match="no place on the skin and no feathers") as told:
+        groom = grown(folder, region(), *(region(name, nowhere) for name in names))
+    assert {feather.region for feather in groom.feathers} == {"body"}
+    found = [str(each.message) for each in told if "no place" in str(each.message)]
+    assert len(found) == 1
+    assert all(f"'{name}'" in found[0] for name in names)

@@ -206,6 +206,7 @@ def _region_drafts(
             previous.append(read_previous(entry, folder, at, readers.feathers))
     counts = [_count(region) for region in regions]
     _check_total(regions, counts, skin["max_feathers"], place)
+    _warn_of_nowhere(regions, counts, place)
     if len(place.problems) > count:
         return (), None
     drafts: list[Draft] = []
@@ -266,6 +267,24 @@ def _check_total(regions: Sequence[_Region], counts: Sequence[int], most: int, a
         f"the regions ask for {sum(counts)} feathers, more than {most}."
         " Lower a density or raise max_feathers"
     )
+
+
+def _warn_of_nowhere(regions: Sequence[_Region], counts: Sequence[int], at: Place) -> None:
+    """Warn of regions that ask for feathers where their rules leave no skin."""
+    ids = [
+        f"'{region.entry['id']}'"
+        for region, count in zip(regions, counts, strict=True)
+        if count == 0 and region.entry["density"]
+    ]
+    if ids:
+        told = "has no place on the skin" if len(ids) == 1 else "have no place on the skin"
+        named = ", ".join(ids[:_MAX_NAMED])
+        more = f" and {len(ids) - _MAX_NAMED} more" if len(ids) > _MAX_NAMED else ""
+        warnings.warn(
+            f"{at.source}: {named}{more} {told} and no feathers. Check `where`, or `bare`",
+            InputWarning,
+            stacklevel=3,
+        )
 
 
 def _grown(
