@@ -398,8 +398,7 @@ class Groom(Documented):
 
     layout: None where feathers stay as they were placed. coat: of the feathers of regions, that a
     layout makes (feather/leaves.py), None without. skin: corners (T, 3, 3) m of the meshes that
-    regions grow on, None where there are none. tracts: the same with its regions (Tracts of
-    groom/regions/regions.py). drawn_gravity: (3,) m/s^2, under which the
+    regions grow on, None where there are none. drawn_gravity: (3,) m/s^2, under which the
     drawn pose is the balance, None where it is the unloaded shape. inputs: what its files say, by
     key (value_diff.py), for messages. skin_keys: checked keys of [skin], None without it. forward:
     (3,) of the creature, level. document: the tables that it was read from, None after
@@ -414,7 +413,6 @@ class Groom(Documented):
     joints: tuple[Joint, ...] = field(default=())
     layout: Layout | None = None
     skin: Array | None = None
-    tracts: Any = None
     coat: Any = None
     drawn_gravity: Array | None = None
     inputs: Mapping[str, str] = field(default_factory=dict)

@@ -30,6 +30,7 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import face_products, unit
 from featherfx.feather.types import RACHIS_PART, Feather
 from featherfx.files.atomic_write import standing
+from featherfx.groom.regions.regions import Tracts
 from featherfx.groom.types import Groom
 from featherfx.render.camera import tile_size
 from featherfx.render.colour import CROSSED, Legend
@@ -86,8 +87,8 @@ class _Rays:
 class Coverage:
     """Coverage of the skin of a groom that has regions. feathers: built, as the groom has them."""
 
-    def __init__(self, groom: Groom, feathers: Sequence[Feather]) -> None:
-        self._groom, self._skin = groom, groom.tracts
+    def __init__(self, groom: Groom, tracts: Tracts, feathers: Sequence[Feather]) -> None:
+        self._groom, self._skin = groom, tracts
         self._names: list[str] = self._skin.names
         own = [each.region for each in groom.feathers]
         self._tract = np.array([self._names.index(r) if r in self._names else -1 for r in own])

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -29,9 +29,6 @@ from featherfx.groom.read.toml_file import file_kind, load_toml
 from featherfx.groom.read.value_diff import told
 from featherfx.groom.types import FeatherKind, Groom, Joint, Layout, Placement
 from featherfx.limits import MAX_COMPARED, MAX_FEATHERS
-
-if TYPE_CHECKING:
-    from featherfx.groom.regions.regions import Tracts
 
 _SHOT_KEYS = {"groom", "frames"}  # that every shot has, and no groom
 _FEATHER_KEYS = {
@@ -139,11 +136,11 @@ def groom_of(
     has_all_joints = not misspelt and len(parts["joint"]) == len(_list(raw, "joint"))
     joints = _joints(parts["joint"], limb_joints, space, has_all_joints)
     region_drafts: tuple[Draft, ...] = ()
-    tracts: Tracts | None = None
+    skin: Array | None = None
     if raw.get("region") or parts["region"]:
         from featherfx.groom.regions.regions import grow_regions
 
-        region_drafts, tracts = grow_regions(raw, parts, place, store, readers, space)
+        region_drafts, skin = grow_regions(raw, parts, place, store, readers, space)
     written = _drafts(parts, path.parent, store, readers, space) if _may_be(parts, place) else ()
     drafts = [*islice(written, MAX_FEATHERS + 1), *limb_drafts, *region_drafts]
     if len(drafts) > MAX_FEATHERS:
@@ -187,8 +184,7 @@ def groom_of(
         feathers=placements,
         joints=joints,
         layout=layout,
-        skin=None if tracts is None else tracts.corners,
-        tracts=tracts,
+        skin=skin,
         drawn_gravity=gravity,
         inputs=inputs,
         skin_keys=keys,

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import accumulate
@@ -124,6 +126,20 @@ class Tracts:
         return places[0], places[1]
 
 
+_LISTENER: ContextVar[list[Tracts] | None] = ContextVar("tracts", default=None)
+
+
+@contextmanager
+def collect_tracts() -> Iterator[list[Tracts]]:
+    """Collect the tracts of grooms that are read within; they hold their stages open."""
+    found: list[Tracts] = []
+    token = _LISTENER.set(found)
+    try:
+        yield found
+    finally:
+        _LISTENER.reset(token)
+
+
 def grow_regions(
     raw: dict[str, Any],
     parts: dict[str, Any],
@@ -131,8 +147,8 @@ def grow_regions(
     store: KindStore,
     readers: GroomReaders | None,
     space: Space,
-) -> tuple[tuple[Draft, ...], Tracts | None]:
-    """Return feathers of all regions, and the skin that they grow on.
+) -> tuple[tuple[Draft, ...], Array | None]:
+    """Return feathers of all regions, and corners (T, 3, 3) m of their meshes.
 
     raw, parts: the groom as written and as checked. Problems go to place.
     """
@@ -171,8 +187,8 @@ def _region_drafts(
     store: KindStore,
     readers: GroomReaders,
     space: Space,
-) -> tuple[tuple[Draft, ...], Tracts | None]:
-    """The drafts of all [[region]]s and the skin that they grow on.
+) -> tuple[tuple[Draft, ...], Array | None]:
+    """The drafts of all [[region]]s and the corners (T, 3, 3) m of their meshes.
 
     No drafts, and None, after adding problems. skin: checked keys of [skin]. entries: place and
     checked keys of each region. place: of [skin].
@@ -215,7 +231,10 @@ def _region_drafts(
         for region, wanted, earlier, grown in zip(regions, counts, previous, totals, strict=True):
             drafts += _grown(region, wanted, regions, earlier)
             done(grown)
-    return tuple(drafts), Tracts(tuple(regions), tuple(each.surface for each in skins.values()))
+    tracts = Tracts(tuple(regions), tuple(each.surface for each in skins.values()))
+    if (listeners := _LISTENER.get()) is not None:
+        listeners.append(tracts)
+    return tuple(drafts), tracts.corners
 
 
 def _region(
