@@ -125,6 +125,10 @@ def prepare(given: str | Path | Shot, output: str | Path | None, options: BakeOp
     refuse_unfit_usd()
     shot, target, path = _checked(given, output, options)
     name = str(shot.source)
+    if shot.motion.kind == "act" and shot.skin is not None:
+        from featherfx.usd.write.body import check_bodies
+
+        check_bodies(shot, path, options.overwrite or options.resume)
     first, last = options.frames or (shot.first_frame, shot.last_frame)
     frames = first - shot.handles, last + shot.handles
     every = unique_prim_names([p.id for p in shot.groom.feathers])

@@ -8,6 +8,7 @@ from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
 
 import featherfx
 from featherfx.algebra.rotation import from_angles
+from featherfx.errors import InputError
 from featherfx.shot.motion.motion import root_motion
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.scenery import find_scenery
@@ -123,6 +124,19 @@ def test_an_act_carries_skin_and_roots_as_one(shot, tmp_path, kind, up, unit):
         (body,) = find_scenery(Cache(cache.path).scenery, cache.path, ["skin"], "drawn")
         assert body.scene.path == layer
         np.testing.assert_allclose(body.points(code), CUBE @ moved.T + way, atol=1e-6)
+
+
+def test_a_layer_replaces_no_file_unasked_and_no_skin(shot, tmp_path):
+    write_body(tmp_path / "body.usda", "still")
+    layer = tmp_path / "out.body.usda"
+    layer.write_text("mine")
+    with pytest.raises(InputError, match=r"out\.body\.usda"):
+        featherfx.bake(shot, tmp_path / "out.usdc")
+    assert layer.read_text() == "mine"
+    (tmp_path / "body.usda").rename(layer)
+    shot.write_text(SHOT.replace("body.usda", "out.body.usda"))
+    with pytest.raises(InputError, match=r"out\.body\.usda"):
+        featherfx.bake(shot, tmp_path / "out.usdc", overwrite=True)
 
 
 def test_a_skin_that_moves_the_body_writes_no_layer(shot, tmp_path):

@@ -19,6 +19,7 @@ from featherfx.shot.types import Shot
 from featherfx.usd.read.opening import open_stage
 from featherfx.usd.types import StageSpace
 from featherfx.usd.write.layers import publish
+from featherfx.usd.write.output import check_output, refuse_inputs
 
 _OP = "xformOp:transform:act"
 _METADATA = ("metersPerUnit", "upAxis", "timeCodesPerSecond", "framesPerSecond", "defaultPrim")
@@ -32,6 +33,13 @@ def list_bodies(shot: Shot, output: Path) -> dict[Path, BodySurface]:
     found = [each for each in surfaces.values() if isinstance(each, BodySurface)]
     names = [f"{output.stem}.body{k if k > 1 else ''}.usda" for k in range(1, len(found) + 1)]
     return {output.with_name(name): each for name, each in zip(names, found, strict=True)}
+
+
+def check_bodies(shot: Shot, output: Path, overwrite: bool) -> None:
+    """Raise InputError where layers of bodies are there already, or are a file of the skin."""
+    for path, body in list_bodies(shot, output).items():
+        refuse_inputs([path], [body.file])
+        check_output(path, overwrite)
 
 
 def write_bodies(shot: Shot, output: Path, frames: tuple[int, int]) -> list[Path]:
