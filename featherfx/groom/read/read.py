@@ -132,7 +132,8 @@ def groom_of(
 
         limb_drafts, limb_joints = grow_limbs(parts, store, library, space)
     # of a wrong joint, what names it has no fault
-    misspelt = closest("joint", [each for each in raw if each not in GROOM_FILE.keys], 1)
+    unknown = [each for each in raw if each not in GROOM_FILE.keys]
+    misspelt = len(unknown) < MAX_REPORTED and closest("joint", unknown, 1)
     has_all_joints = not misspelt and len(parts["joint"]) == len(_list(raw, "joint"))
     joints = _joints(parts["joint"], limb_joints, space, has_all_joints)
     region_drafts: tuple[Draft, ...] = ()
