@@ -271,7 +271,7 @@ def test_a_common_step_is_one_that_most_feathers_take_at_once(least, most):
     """A common step that doubled would be divided by all of them, be halved, and double again."""
     rules = step_rules(8, [str(f) for f in range(10)])
     frame = 1.0 / 24
-    steps = FrameSteps(rules, 0.0, frame, StepPacing(0.25 * frame))
+    steps = FrameSteps(rules, 0.0, frame, StepPacing(0.25 * frame), np.full(10, 8.0))
     assert steps.left()
     length = steps.span.length
     state = SimpleNamespace(proposal=np.append(length * np.linspace(least, most, 9), 0.0))
@@ -282,6 +282,20 @@ def test_a_common_step_is_one_that_most_feathers_take_at_once(least, most):
     divided = np.count_nonzero(state.proposal[:9] < steps.proposal)
     assert 0 < divided <= (1.0 - FEW_STEPS) * 9
     assert steps.time == length
+
+
+def test_a_feather_whose_contacts_were_left_out_has_less_patience_in_the_next_frame():
+    rules, frame, patience = step_rules(32, ["one", "two"]), 1.0 / 24, np.full(2, 8.0)
+    report, found = make_report(2), []
+    for work in (9000.0, 9000.0, 9000.0, 9000.0, 0.0, 0.0):
+        steps = FrameSteps(rules, 0.0, frame, StepPacing(), patience)
+        report.iterations[:] = work, 10.0
+        steps.spend([report], 0.0)
+        assert steps.tired().tolist() == [work > 0.0, False]
+        patience = steps.next_patience()
+        found.append(patience.tolist())
+    assert [first for first, _ in found] == [4.0, 2.0, 1.0, 1.0, 2.0, 4.0]
+    assert all(second == 8.0 for _, second in found)
 
 
 @pytest.mark.parametrize(("again", "halved"), [(30.0, False), (900.0, True)])
@@ -296,7 +310,7 @@ def test_steps_are_bounded_by_one_that_was_dear_to_do_again(again, halved):
     pace, lengths = StepPacing(1.0 / 8), []
     # one easy step, one that is done again, and easy ones after
     for k in range(12):
-        steps = FrameSteps(rules, 0.0, 1.0, pace)
+        steps = FrameSteps(rules, 0.0, 1.0, pace, np.full(10, 8.0))
         assert steps.left()
         length = steps.span.length
         lengths.append(length)

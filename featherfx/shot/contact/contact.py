@@ -27,7 +27,12 @@ from featherfx.shot.contact.local_retry import SpanInputs, Stepper
 from featherfx.shot.contact.obstacles import Obstacles
 from featherfx.shot.contact.pairs import Encounters, FeathersAtRest, layered_pairs
 from featherfx.shot.contact.settle import settled_together, warn_of_unsettled
-from featherfx.shot.contact.steps import FrameSteps, StepPacing, StepRules
+from featherfx.shot.contact.steps import (
+    MORE_ITERATIONS,
+    FrameSteps,
+    StepPacing,
+    StepRules,
+)
 from featherfx.shot.frames import place
 from featherfx.shot.loop.sleep import skip_frame
 from featherfx.shot.options.options import ShotOptions
@@ -144,7 +149,7 @@ class ShotContact:
         over = FeathersOver(np.where(led, -1, order), grids.together(nodes), rest.lengths, up)
         self.bodies = Bodies(shot, over)
         self._rules = self._step_rules(own[0].max_substeps)
-        self._pace = StepPacing()
+        self._pace, self._patience = StepPacing(), np.full(len(self.names), float(MORE_ITERATIONS))
         self._unresolved: list[dict[str, Any]] = []
         self._yielded = np.zeros(len(self.names), dtype=np.bool_)
 
@@ -185,7 +190,7 @@ class ShotContact:
         loads_of, paths_of: what acts from one time to another, per batch. resting: (B,) feathers at
         rest on which nothing acts anew; they are stepped when others push them.
         """
-        steps = FrameSteps(self._rules, start, end, self._pace)
+        steps = FrameSteps(self._rules, start, end, self._pace, self._patience)
         obstacles, grids = self._obstacles, self.solver.grids
         around = SpanInputs(
             lambda begin, stop: [*loads_of(begin, stop), *obstacles.loads()],
@@ -212,7 +217,7 @@ class ShotContact:
                 self.tally.add(contact, length, self._rules.wrong(contact))
             self.tally.repeated += done.tries
             parts.append(reports)
-        self._pace = steps.pace
+        self._pace, self._patience = steps.pace, steps.next_patience()
         tired = steps.tired()
         _warn_of(tired & ~self._yielded, self.names, start)
         self._yielded |= tired
@@ -302,6 +307,7 @@ class ShotContact:
         """Return the arrays that are kept between frames, for checkpoints."""
         known = {
             "pace": np.array(self._pace),
+            "patience": self._patience,
             "met": self.solver.candidates.pairs[self._at_rest :],
         }
         return self.solver.memory._asdict() | known | self._obstacles.memory()
@@ -318,7 +324,7 @@ class ShotContact:
         """Go on as after an earlier step of this run, whose `memory` it was; pairs that have met
         since stay known."""
         self.solver.memory = ContactMemory(*(memory[name] for name in ContactMemory._fields))
-        self._pace = StepPacing(*memory["pace"].tolist())
+        self._pace, self._patience = StepPacing(*memory["pace"].tolist()), memory["patience"]
         self._obstacles.restore(memory)
 
 

@@ -4,7 +4,7 @@ Where a step leaves some feathers unsolved, or contacts far off, these and what 
 island: it goes the same way again in shorter steps, while all others keep what they got and move
 evenly from their old pose to their new one (multirate, the slowest first: Gear and Wells 1984). An
 island in which something is off again has smaller ones of its own, down to the shortest step. There
-contacts of what cannot be solved yield.
+contacts of what cannot be solved yield, and are left out where that does not help.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Stepped:
 class Stepper:
     """Steps all feathers over a span, islands of trouble in shorter steps.
 
-    spend: told the iterations of every try. tired: tells whose contacts yield.
+    spend: told the iterations of every try. tired: tells whose contacts are left out.
     """
 
     def __init__(
@@ -86,12 +86,13 @@ class Stepper:
         resting: Flags,
         led: LedMotion | None = None,
         yielding: Flags | None = None,
+        left_out: Flags | None = None,
     ) -> Stepped:
         """The states after a span, of what is not led; its contact forces are kept."""
         solver, around = self._solver, self._around
         walls = around.bodies.walls(states, span.start, span.end, solver.settings.margin)
         tired = self._tired()
-        soft = tired if yielding is None else yielding | tired
+        without = tired if left_out is None else left_out | tired
         loads, paths = around.loads(span.start, span.end), around.paths(span.start, span.end)
         new, reports, contact = solver.interval(
             states,
@@ -102,7 +103,8 @@ class Stepper:
             IntervalOptions(
                 span.substeps,
                 resting,
-                soft if soft.any() else None,
+                yielding,
+                without if without.any() else None,
                 led,
                 EASY if span.can_be_cut() else MAX_CONTACT_ITERATIONS,
                 around.bodies.begun,
@@ -116,11 +118,14 @@ class Stepper:
             return Stepped(new, reports, [(span.length, contact)], 0)
         if not span.can_be_cut():
             failed = np.concatenate([report.status for report in reports]) != 0.0
-            if yielding is not None or not failed.any():
+            if left_out is not None or not failed.any():
                 self._rules.give_up(reports, span.start)
                 solver.accept()
                 return Stepped(new, reports, [(span.length, contact)], 0)
-            again = self.step(states, span, resting, led, failed)
+            if yielding is None:
+                again = self.step(states, span, resting, led, failed)
+            else:
+                again = self.step(states, span, resting, led, yielding, failed)
             again.tries += 1
             return again
         if led is None:

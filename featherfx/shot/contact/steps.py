@@ -2,7 +2,7 @@
 
 Where a step leaves a feather unsolved, contacts far off, or too large an error where feathers press
 each other, an island around these is stepped again in shorter steps (local_retry). Below the
-shortest that is allowed, the contacts of the feathers that fail yield for one step.
+shortest that is allowed, the contacts of the feathers that fail yield for one step or are left out.
 """
 
 from __future__ import annotations
@@ -39,9 +39,11 @@ FEW_STEPS, SHRINK = 0.25, 0.25
 # nothing is done again take for the same time, beyond which the next may be half as long at most;
 # and how what they may be grows from step to step
 DEAR, GROW = 2.0, 1.1
-# Newton iterations of a feather in a frame, over MAX_ITERATIONS, until its contacts yield:
+# Newton iterations of a feather in a frame, over MAX_ITERATIONS, until its contacts are left out:
 # it is solved in rounds; and, over those, until the bake ends
 MORE_ITERATIONS, MAX_WORK = 8, 4
+# the least of the former: where contacts were left out, the next frame has half as many
+_FEWEST_ITERATIONS = 1
 
 
 @dataclass(frozen=True)
@@ -143,13 +145,16 @@ class StepPacing(NamedTuple):
 
 
 class FrameSteps:
-    """The steps from start to end (s). pace: that the frame before left.
+    """The steps from start to end (s). pace, patience: that the frame before left, the latter (B,)
+    iterations of each feather until its contacts are left out, over MAX_ITERATIONS.
 
     time: s, where the feathers are. span: the step to try.
     """
 
-    def __init__(self, rules: StepRules, start: float, end: float, pace: StepPacing) -> None:
-        self.rules, self.time, self.end = rules, start, end
+    def __init__(
+        self, rules: StepRules, start: float, end: float, pace: StepPacing, patience: Array
+    ) -> None:
+        self.rules, self.time, self.end, self._patience = rules, start, end, patience
         duration = end - start
         self.shortest = duration / (rules.steps or rules.substeps)
         self.proposal = self.shortest if rules.steps else min(pace.proposal or duration, duration)
@@ -206,7 +211,7 @@ class FrameSteps:
 
     def spend(self, reports: Sequence[StepReport], time: float) -> None:
         """Count the iterations of a try that began at a time (s). SimulationError for a feather
-        that took too many in the frame, although its contacts yielded (tired)."""
+        that took too many in the frame, although its contacts were left out (tired)."""
         iterations = np.concatenate([report.iterations for report in reports])
         self._spent += iterations
         self._work += float(iterations.sum())
@@ -215,9 +220,14 @@ class FrameSteps:
         raise_if_failed(status, np.full(len(status), time), self.rules.names, most)
 
     def tired(self) -> Flags:
-        """(B,) feathers that took so many iterations in this frame that their contacts yield for
-        the rest of it."""
-        return self._spent > MORE_ITERATIONS * self.rules.iterations
+        """(B,) feathers that took so many iterations in this frame that their contacts are left out
+        for the rest of it."""
+        return self._spent > self._patience * self.rules.iterations
+
+    def next_patience(self) -> Array:
+        """(B,) iterations of each feather in the next frame, as in this one."""
+        next_one = np.where(self.tired(), 0.5, 2.0) * self._patience
+        return np.clip(next_one, _FEWEST_ITERATIONS, MORE_ITERATIONS)
 
     def _wanted(self, states: Sequence[State], reports: Sequence[StepReport]) -> float:
         """s, the length of which most feathers that were solved would make one step of their own.

@@ -164,7 +164,7 @@ class ContactSolver:
         is not solved either.
         """
         self._tear(states)
-        substeps, resting, yielding, led, iterations, turns, settling, lost = manner
+        substeps, resting, yielding, left_out, led, iterations, turns, settling, lost = manner
         free = np.ones(self.grids.bodies, dtype=np.bool_) if led is None else led.free
         shares = self._followed(duration)
         run = BatchRun(
@@ -190,7 +190,7 @@ class ContactSolver:
         for number in range(_MAX_SEARCHES):
             np.copyto(searched, run.now)
             looked = stale if number else free
-            self._find(run, walls, (memory, before), looked, margin, (turns, number > 0))
+            self._find(run, walls, (memory, before), looked, margin, (turns, number > 0), left_out)
             if yielding is not None:
                 list_kernels.soften(*self.found, soft, looked.astype(np.int8), _SOFT)
             if number:
@@ -317,9 +317,10 @@ class ContactSolver:
         stale: Flags,
         margin: Array,
         manner: tuple[bool, bool],
+        left_out: Flags | None,
     ) -> None:
         """Search for contacts of stale bodies, those known before hold on for others; the room
-        grows. margin: of Search; manner: turns and again (Search)."""
+        grows. margin: of Search; manner: turns and again (Search). left_out: of IntervalOptions."""
         settings, (memory, before), (turns, again) = self.settings, known, manner
         inertia = self._inertia(run.duration) * self._mass
         whole, firm = _FIT * (inertia + self._elastic), _FIT * (inertia + self._firm)
@@ -341,6 +342,8 @@ class ContactSolver:
             again,
         )
         found = self._searcher.find(search, walls, before, stale, self._spare, self._free)
+        if left_out is not None:
+            found = found.without(left_out)
         self._spare, self.found = self.found.touch, found
         if len(self._listed.items) < 2 * found.number:
             room = np.zeros(4 * found.number, dtype=np.int64)

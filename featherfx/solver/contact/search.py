@@ -57,6 +57,14 @@ class ContactSearch(NamedTuple):
         """(number,) of CONTACT_DTYPE."""
         return self.touch[: self.number]
 
+    def without(self, bodies: NDArray[np.bool_]) -> ContactSearch:
+        """Return it with no contact of some bodies (B,); touch is written over."""
+        contacts = self.contacts
+        gone = bodies[contacts["guest"]] | ((contacts["host"] >= 0) & bodies[contacts["host"]])
+        left = contacts[~gone]
+        self.touch[: len(left)] = left
+        return ContactSearch(self.touch, len(left))
+
     def remembered(
         self, order: Indices, memory: ContactMemory, start: ContactMemory | None = None
     ) -> ContactMemory:
