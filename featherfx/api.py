@@ -80,19 +80,19 @@ def read_document(document: Document) -> Groom | Shot:
             read = lay_out(groom_as_written(document, files.append))
         else:
             shot = place_feathers(shot_as_written(document, files.append))
-            read = replace(shot, groom=shot.groom.documented(_groom_document(document)))
+            read = replace(shot, groom=shot.groom.documented(_groom_document(document, shot)))
     return read.documented(replace(document, files=tuple(files), reads=tuple(reads)))
 
 
-def _groom_document(shot: Document) -> Document:
-    """Return the tables of a shot's groom, with the shot's overrides."""
-    groom, source = shot.tables["groom"], shot.source
-    if isinstance(groom, str):
-        source = source.parent / groom
-        groom = load_tables(source)
-    document = Document("groom", groom, source, shot.preset_folders)
-    overrides = shot.tables.get("overrides")
-    return document.with_overrides(overrides) if overrides else document
+def _groom_document(document: Document, shot: Shot) -> Document:
+    """Return the tables of a shot's groom, with the shot's overrides. document: of the shot."""
+    tables, source = document.tables["groom"], document.source
+    if isinstance(tables, str):
+        source = shot.groom.source
+        tables = load_tables(source)
+    groom = Document("groom", tables, source, document.preset_folders)
+    overrides = document.tables.get("overrides")
+    return groom.with_overrides(overrides) if overrides else groom
 
 
 def groom_as_written(

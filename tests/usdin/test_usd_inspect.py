@@ -203,4 +203,7 @@ def test_wrong_paths_of_colliders_and_cameras_list_what_is_there(tmp_path):
 def test_what_is_no_regular_file_is_not_opened(tmp_path, path):
     os.mkfifo(tmp_path / "pipe.usda")
     code, _, told = inspected(tmp_path / path)
-    assert (code, told) == (1, f"featherfx: {tmp_path / path}: is not a regular file.\n")
+    assert (code, told) == (
+        1,
+        f"featherfx: {tmp_path / path}: is not a regular file. Name a USD file.\n",
+    )
