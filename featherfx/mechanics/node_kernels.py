@@ -16,22 +16,7 @@ Air drag, with u = v - wind and n the unit normal of the vane around the point, 
 so that the normal force is 1/2 rho S C_n |u.n| u.n, quadratic and implicit; n and the speed |u0| in
 the small tangential part are those of the predicted pose. D is convex in v: a storm adds
 stiffness to a step and never makes it unstable. Unequal C_n and C_t push sideways, as a wing.
-
-Attached flow adds, at a speed T of the air along the vane and across the rachis,
-
-    1/2 rho S w T^2 H S(a x / H),    x = (u.n + z) / T
-    S(y) = (Q(y + 1) - Q(y - 1)) / 2,    Q(y) = (y^2 + d)^(1/2)
-
-a is the slope of the normal coefficient by the aspect of the vane (Helmbold 1942), H the most of
-it, where flow stalls, d how round that is. z is what u.n lacks of its mean over the row: a row
-meets the stream as a plate would, and camber lifts nothing. w falls from 2 at the leading edge to 0
-at the trailing edge, so that flow presses at a third of the chord. A stream along the rachis lifts
-nothing. With x = tan(angle), C_N = (C_n x^2 + H S) / (1 + x^2): Helmbold's line up to stall, plates
-of aspect 2 up to 20 degrees (Pelletier and Mueller 2000, Re 1.4e5), and of any aspect from 30
-degrees (Lindenburg 2003, ECN-C--03-025). The force grows with u.n, so D stays convex.
 """
-
-from math import log, sqrt
 
 from featherfx.algebra.vector_kernels import (
     accumulate,
@@ -44,34 +29,6 @@ from featherfx.algebra.vector_kernels import (
 )
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.air_kernels import carries_air, unit_normal
-
-# d; the slope of S at 0 is (1 + d)^(-1/2)
-_STALL_ROUNDNESS = 0.03
-
-
-@kernel
-def _stall_integral(y):
-    """Integral of Q from 0 to y."""
-    size = abs(y)
-    root = sqrt(y * y + _STALL_ROUNDNESS)
-    area = size * root + _STALL_ROUNDNESS * log((size + root) / sqrt(_STALL_ROUNDNESS))
-    return 0.5 * area if y > 0.0 else -0.5 * area
-
-
-@kernel
-def _attached(flow, stream, un):
-    """(energy, force, its derivative by u.n) of attached flow, over rho S / 2. flow: H and a.
-    stream: T, w and z."""
-    most, speed = flow[0], stream[0]
-    if most * flow[1] <= 0.0 or speed <= 0.0:
-        return 0.0, 0.0, 0.0
-    steep = flow[1] * sqrt(1.0 + _STALL_ROUNDNESS) / (most * speed)
-    over, under = steep * (un + stream[2]) + 1.0, steep * (un + stream[2]) - 1.0
-    far, near = sqrt(over * over + _STALL_ROUNDNESS), sqrt(under * under + _STALL_ROUNDNESS)
-    work = 0.5 * (_stall_integral(over) - _stall_integral(under)) - _stall_integral(1.0)
-    force = 0.5 * stream[1] * speed * speed * most
-    push = force * (far - near)
-    return 2.0 * force / steep * work, push, force * steep * (over / far - under / near)
 
 
 @kernel
@@ -95,11 +52,9 @@ def _drag(model, loads, f, rate, point, around, i, p):
     u = sub(scale(rate, sub(point, around.past.nodes[i, p])), around.wind[i, p])
     un = dot(u, n)
     t = sub(u, scale(un, n))
-    half = 0.5 * loads.air[0] * length(around.area[i, p])
-    work, push, second = _attached(model.attached[f], around.stream[i, p], un)
-    energy = normal * abs(un) ** 3 / 3.0 + 0.5 * tangential * dot(t, t) + half * work
-    gradient = combined(normal * abs(un) * un + half * push, n, tangential, t)
-    return energy, gradient, 2.0 * normal * abs(un) + half * second, tangential, n
+    energy = normal * abs(un) ** 3 / 3.0 + 0.5 * tangential * dot(t, t)
+    gradient = combined(normal * abs(un) * un, n, tangential, t)
+    return energy, gradient, 2.0 * normal * abs(un), tangential, n
 
 
 @kernel

@@ -72,11 +72,7 @@ class Water(GroupLoad):
     def model(self, model: Model) -> Model:
         """Constant data at the present wetness, from those of dry feathers."""
         rule, wet = self._rule, self._wet
-        drag = 1.0 - (1.0 - rule.drag) * wet
-        wetted = model._replace(
-            mass=model.mass + rule.water * wet * self._vane,
-            attached=model.attached * np.array([drag, 1.0]),
-        )
+        wetted = model._replace(mass=model.mass + rule.water * wet * self._vane)
         left = 1.0 - (1.0 - rule.hooks) * wet
         hooks = model.hooks
         weaker = hooks._replace(
