@@ -225,7 +225,7 @@ class FrameSteps:
         return self._spent > self._patience * self.rules.iterations
 
     def next_patience(self) -> Array:
-        """(B,) iterations of each feather in the next frame, as in this one."""
+        """Return (B,) patience in the next frame: half where it was spent, else twice as much."""
         next_one = np.where(self.tired(), 0.5, 2.0) * self._patience
         return np.clip(next_one, _FEWEST_ITERATIONS, MORE_ITERATIONS)
 
