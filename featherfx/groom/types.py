@@ -13,7 +13,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, ByValue
 from featherfx.errors import count_feathers
 from featherfx.groom.document import Document, Documented
 from featherfx.groom.keys.family import Preset
@@ -297,8 +297,8 @@ class FeatherKind:
         return max(round(self.length * (1.0 - self.calamus) / self.barb_spacing), 1)
 
 
-@dataclass(frozen=True)
-class Joint:
+@dataclass(frozen=True, eq=False)
+class Joint(ByValue):
     """A node of the skeleton that carries roots.
 
     position: (3,). side: +1 on the bird's left, -1 on its right, 0 in the middle (mirrors the
@@ -321,8 +321,8 @@ class Joint:
     bone: Array | None = None
 
 
-@dataclass(frozen=True)
-class Turning:
+@dataclass(frozen=True, eq=False)
+class Turning(ByValue):
     """Turn of a follicle between two joints, while the feather's joint carries its anchor.
 
     joints: names. fraction: 0 turns with the first, 1 with the second. anchor: (3,) m, in the
@@ -337,8 +337,8 @@ class Turning:
     bow: Array | None = None
 
 
-@dataclass(frozen=True)
-class Placement:
+@dataclass(frozen=True, eq=False)
+class Placement(ByValue):
     """One feather of a groom.
 
     id: unique name. kind: merged kind. region: free label, written to USD.
@@ -392,8 +392,8 @@ class Layout:
     ] = 0.0025
 
 
-@dataclass(frozen=True, repr=False)
-class Groom(Documented):
+@dataclass(frozen=True, repr=False, eq=False)
+class Groom(ByValue, Documented):
     """Feathers and their places. Frame: z up, metres.
 
     layout: None where feathers stay as they were placed. coat: of the feathers of regions, that a

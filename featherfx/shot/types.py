@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, ByValue
 from featherfx.errors import count_feathers, require_type
 from featherfx.groom.document import Document, Documented
 from featherfx.groom.keys.preset import PRESET_FAMILIES, UNSCALED_CLOCK, Clock, Quality, Wind
@@ -39,8 +39,8 @@ _VANES = Text(("leading", "trailing"))
 _VANE = "Vane that the barb belongs to."
 
 
-@dataclass(frozen=True, kw_only=True)
-class Grip:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Grip(ByValue):
     """A node that is led along a path by a stiff spring.
 
     displacement: (3,), reached with zero velocity at start and end.
@@ -215,8 +215,8 @@ CHANNELS = {
 }
 
 
-@dataclass(frozen=True)
-class Force:
+@dataclass(frozen=True, eq=False)
+class Force(ByValue):
     """A dead force. force: (3,). Of a barb's line the row alone counts."""
 
     feather: Annotated[str, "Id of the feather."]
@@ -283,8 +283,8 @@ class Channel(SomeFeathers):
     factors: Mapping[str, float] | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class Target(SomeFeathers):
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Target(ByValue, SomeFeathers):
     """A shape that some feathers are brought to (featherfx/shot/direction/targets.py).
 
     points: by feather id, (V, 3) m, of the meshes in `shape`; lines: (k, 3) m, of curves for their
@@ -425,8 +425,8 @@ class MeasuredGrid(NamedTuple):
     is_unique: bool
 
 
-@dataclass(frozen=True, repr=False)
-class Shot(Documented):
+@dataclass(frozen=True, repr=False, eq=False)
+class Shot(ByValue, Documented):
     """All that a bake needs. first_frame, last_frame: both baked. gravity: (3,).
 
     skin: the groom's roots on their skin, where the motion is of kind "skin"; surfaces: what they

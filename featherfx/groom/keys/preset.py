@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, ByValue
 from featherfx.groom.keys.family import PartPreset, Preset
 from featherfx.groom.keys.places import Direction
 from featherfx.groom.keys.values import (
@@ -173,8 +173,8 @@ class Quality:
         )
 
 
-@dataclass(frozen=True)
-class Wind:
+@dataclass(frozen=True, eq=False)
+class Wind(ByValue):
     """A wind field: a mean wind with seeded gusts that travel with it. direction: (3,) unit."""
 
     direction: Annotated[Array, Direction(), "Where the wind blows to.", Default((1.0, 0.0, 0.0))]

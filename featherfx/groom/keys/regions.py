@@ -159,7 +159,7 @@ REGION_KEYS = {
         (),
     ),
     "density": Key(Number(0, 1e9, "1/m^2"), "Feathers per area where the region is whole.", None),
-    "count": Key(Number(0, 1_000_000, whole=True), "Feathers in all, instead of density.", None),
+    "count": Key(Number(1, 1_000_000, whole=True), "Feathers in all, instead of density.", None),
     "seed": Key(Number(0, 2**31 - 1, whole=True), "Seed of places and variation.", 1),
     "flow": Key(Table(FLOW_KEYS), "Direction of the shafts along the skin."),
     "length": Key(Number(1e-4, 10, "m"), "Length of the feathers; default: the kind's.", None),
