@@ -17,6 +17,7 @@ from featherfx.errors import InputError, Problem, require_type
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import Feather
 from featherfx.groom.document import Document
+from featherfx.groom.presets.folders import folders_of
 from featherfx.groom.presets.presets import read_quality as read_quality
 from featherfx.groom.read.read import load_tables
 from featherfx.groom.read.read import read_groom as read_groom_file
@@ -67,7 +68,7 @@ def open_document(kind: str, path: str | Path, preset_folders: Folders = ()) -> 
     """Load the tables of a groom or shot file, not yet checked. Raises InputError."""
     require_type(kind, path, str | Path, f"the path of a {kind} file")
     source = Path(path)
-    return Document(kind, load_tables(source), source, tuple(preset_folders))
+    return Document(kind, load_tables(source), source, folders_of(preset_folders))
 
 
 def read_document(document: Document) -> Groom | Shot:

@@ -268,6 +268,7 @@ def tells_progress(function: _Function) -> _Function:
 
     @wraps(function)
     def told(*arguments: Any, progress: Progress = False, **options: Any) -> Any:
+        listener_of(progress, "")
         if progress is False:
             return function(*arguments, **options)
         listeners: dict[str, Any] = {}

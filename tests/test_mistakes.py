@@ -15,6 +15,7 @@ from featherfx.errors import InputError, InputWarning
 
 GPA = "overrides = {{ {} = 6 }}\nwidth = 1.5"
 FLAT = '[[channel]]\nname = "turn"\nkeys = [1, 0, 12, 35]\n[motion]'
+RGB = "overrides = { colour.base = [200, 30, 30] }\nwidth = 1.5"
 ROW = '[[row]]\nid = "right_secondary"'
 ROWS = f'[overrides."right_secondary_0*"]\nwidth = 1.1\n{ROW.replace("row", "rows")}'
 # file of swan_wing, what it says, what is written instead, and what is told of it
@@ -136,7 +137,16 @@ IN_FILES = [
         "and 9 more are taken already",
     ),
     ("groom", "[0.05, -0.08, 0.05]", "[50, -80, 50]", "joint 'right_shoulder' is 107 m from the"),
+    ("shot", "[motion]", "[camera]\nfov = 35\n[motion]", "did you mean 'level_of_detail'?"),
+    ("shot", "frames = [1, 24]", "end = 24", "end: unknown key, did you mean 'frames'?"),
+    ("shot", '"calm"', '{ base = "gust", turbulence = 0.3 }', "key, did you mean 'gust'?"),
+    ("shot", "[motion]", "cuts = [300]\n[motion]", "cuts[0]: 300 is not of the shot. Give 1 to 24"),
+    ("groom", "width = 1.5", RGB, "colour.base ('right_secondary'): [200, 30, 30] is out of range"),
+    ("groom", "width = 1.5", "lenght = 0.4", "did you mean overrides.length?"),
+    ("groom", 'kind = "swan_primary"', 'preset = "swan_primary"', "did you mean 'kind'?"),
 ]
+PATCH = '[[region]]\nid = "p"\nkind = "covert"\ncount = {count}\n{more}\n[bird]'
+FLOW = "flow = { direction = [-1, 0, 0] }"
 # changes of first_bird's groom
 ON_BIRDS = [
     ('prim = "/pigeon/body"', 'prim = "/pigeon/bodi"', "no prim /pigeon/bodi in"),
@@ -156,6 +166,9 @@ ON_BIRDS = [
     ("beak = [0.166, 0, 0.272]", "beak = [166, 0, 272]", "Give all in one unit"),
     ('"pigeon"', '"pidgeon"', "no bird preset 'pidgeon', did you mean 'pigeon'?"),
     ('{ primvar = "beak" }', '"beak"', "Give { } of keys such as angle, box, facing"),
+    ('prim = "/pigeon/body"', 'path = "/pigeon/body"', "unknown key, did you mean 'prim'?"),
+    ("[bird]", PATCH.format(count=0, more=FLOW), "count ('p'): 0 is out of range. Give 1 to"),
+    ("[bird]", PATCH.format(count=9, more=""), "missing, expects a table of keys such as away"),
     ('"pigeon"', '"eagle"', "known: gull, ostrich, owl, parrot, peacock, pigeon, sparrow, swan"),
 ]
 PULL = "feather_pull/shot.toml"
@@ -184,6 +197,14 @@ TYPED = [
     ("view first_bird/body.usdc --html a.txt", "a.txt: suffix '.txt' is not .html"),
     ("retime first_bird/body.usdc -o r.usdc --speed half", "'half' is not a number. Give x>0"),
     ("preview first_bird/body.usdc -o no/a.png", "no: folder does not exist. Make it first"),
+    (f"bake {PULL} --force", "No such option --force. Did you mean '--overwrite'?"),
+    (f"bake {PULL} --threads 2", "No such option --threads. Did you mean '--jobs'?"),
+    (f"bake {PULL} --fps 30", "frames_per_second is a key of shots. Write it there"),
+    (f"bake {PULL} --feathers 3-9/9 -o o.usdc", "no share. Give I/N, I from 1 to N, and N at most"),
+    ("help bake", "No such command 'help'. Did you mean '--help'?"),
+    ("sculpt first_bird/body.usdc -o o.usdc", "'--with'. Meshes or curves named by feather id"),
+    ("export first_bird/body.usdc -o a.fbx", "'.fbx' is not one of .usd, .usda, .usdc, .abc, .glb"),
+    ("stats first_bird/body.usdc", "no curves and no instances at / or below."),
     ("plugins install nuke", "'nuke' is not one of 'houdini', 'maya', 'usdvalidation', 'usdview'"),
 ]
 
@@ -259,8 +280,12 @@ IN_PYTHON = [
     (lambda s: ffx.simulate(s.groom), TypeError, "is of type Groom. Give a Shot"),
     (lambda s: ffx.simulate(s, start="x"), TypeError, r"start: 'x' is of type str. Give a checkp"),
     (lambda s: ffx.bake(s, "o.usdc", quallity="draft"), TypeError, "did you mean 'quality'?"),
-    (lambda s: ffx.bake(s, "o.usdc", frames="1-5"), TypeError, "frames: '1-5' is of type str"),
-    (lambda s: ffx.bake(s, "o.usdc", jobs="all"), TypeError, "jobs: 'all' is of type str. Give in"),
+    (lambda s: ffx.bake(s, "o.usdc", frames="1-5"), TypeError, "Give two whole numbers or None"),
+    (
+        lambda s: ffx.bake(s, "o.usdc", jobs="all"),
+        TypeError,
+        "jobs: 'all' is of type str. Give a",
+    ),
     (lambda s: ffx.bake(s, "o.usdc", feathers="1/2"), TypeError, "feathers: '1/2' is of type str"),
     (lambda s: ffx.bake(s, "o.usdc", progress="yes"), TypeError, "Give True, or a function of tw"),
     (lambda s: ffx.bake(s, 7), TypeError, "output: 7 is of type int. Give the path of a file"),
@@ -289,6 +314,21 @@ IN_PYTHON = [
     (lambda s: ffx.Groom.from_dict({"name": "a", "feather": [FEATHER]}), InputError, "position: m"),
     (lambda s: ffx.Checkpoint.load(s.source), InputError, "Give a file that Checkpoint.save wrote"),
     (lambda s: s.to_toml("no/such/s.toml"), InputError, "Check the folder"),
+    (lambda s: s.to_toml(None), TypeError, "Give the path of a file that ends in .toml"),
+    (lambda s: ffx.read_shot(s.source, "my"), TypeError, "preset_folders: 'my' is of type str"),
+    (lambda s: ffx.bake(s, "o.usdc", preset_folders=["my"]), InputError, "my: there is no such fo"),
+    (lambda s: ffx.read_quality(3), TypeError, "3 is of type int. Give the name of a quality"),
+    (lambda s: ffx.Shot.from_dict({"groom": s}), InputError, "is a shot. Give what `groom` of a"),
+    (lambda s: ffx.Groom.from_dict({1: 2, "name": "a"}), InputError, "1: unknown key"),
+    (lambda s: next(iter(ffx.simulate(s))).points[0], TypeError, "0 is of type int. Give an id"),
+    (lambda s: ffx.bake(s, "o.usdc", quality=3), TypeError, "3 is of type int. Give a text or No"),
+    (lambda s: ffx.retime("a.usdc", "b.usdc", keys=[1, 2]), InputError, "there is no such file"),
+    (lambda s: ffx.expand("a.usdc", rows="41"), TypeError, "'41' is of type str. Give a whole num"),
+    (lambda s: ffx.bake_many(s), TypeError, "is of type Shot. Give the paths of shot files"),
+    (lambda s: ffx.Checkpoint.load("no.npz"), InputError, "there is no such file. Check the path"),
+    (lambda s: ffx.export("a.usdc", "b.glb", frames=3), TypeError, "Give .first, last"),
+    (lambda s: ffx.export_groom(s, "a.usdc"), TypeError, "Give the path of a groom file"),
+    (lambda s: ffx.check(s, progress=3), TypeError, "Give True, or a function of two numbers"),
 ]
 
 

@@ -50,6 +50,7 @@ def export_groom(
     curve of its own; None: instances where at least a third of the feathers repeat and neither
     barbs nor textures are written. The others are as in bake. Raises InputError with every problem.
     """
+    require_type("groom_path", groom_path, str | Path, "the path of a groom file")
     return _export(groom_path, output, make_options(GroomOptions, options))
 
 
@@ -160,6 +161,8 @@ def export(
     featherfx.phases.tells_progress. Raises InputError.
     """
     require_type("cache", cache, str | Path, "the path of a cache, such as cache.path")
+    if frames is not None:
+        require_type("frames", frames, tuple | list, "(first, last)")
     path = Path(output)
     if path.suffix == ".abc":
         from featherfx.usd.convert.alembic import export_alembic

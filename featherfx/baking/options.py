@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin, get_type_h
 
 from featherfx.errors import require_type
 from featherfx.groom.keys.problems import nearest
+from featherfx.groom.presets.folders import folders_of
 from featherfx.limits import MAX_BARBS, MAX_COLUMNS, MAX_JOBS, MAX_ROWS, option
 from featherfx.usd.write.options import StageOptions, WriteOptions
 
@@ -111,9 +112,24 @@ def make_options(kind: type[Chosen], values: Mapping[str, Any]) -> Chosen:
         if name not in hints:
             raise TypeError(f"no option {name!r}, {nearest(name, hints)}")
         if not _fits(value, hints[name]):
-            told = str(hints[name]).replace("pathlib.", "").replace("collections.abc.", "")
-            require_type(name, value, (), hints[name].__name__ if told.startswith("<") else told)
+            require_type(name, value, (), _in_words(hints[name]))
+        if name == "preset_folders":
+            folders_of(value)
     return kind(**values)
+
+
+_WORDS = {
+    bool: "True or False", int: "a whole number", float: "a number", str: "a text", Path: "a path",
+    type(None): "None", tuple: "two whole numbers", Iterable: "a list",
+}  # fmt: skip
+
+
+def _in_words(hint: Any) -> str:
+    """Return the types of a hint in words."""
+    kind = get_origin(hint) or hint
+    if kind in _WORDS:
+        return _WORDS[kind]
+    return " or ".join(_in_words(each) for each in get_args(hint))
 
 
 def _fits(value: Any, hint: Any) -> bool:

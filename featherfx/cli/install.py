@@ -113,7 +113,7 @@ def list_command(as_json: bool) -> None:
     featherfx plugins install usdview --into ~/usd_plugins
     """,
 )
-@click.argument("host", metavar="HOST", type=click.Choice(tuple(HOSTS)))
+@click.argument("host", metavar="HOST", type=click.Choice(tuple(HOSTS), case_sensitive=False))
 @click.option(
     "--into",
     type=click.Path(path_type=Path),

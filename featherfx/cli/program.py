@@ -142,6 +142,13 @@ def _log_option() -> click.Option:
     )
 
 
+# names that other programs have for options and keys
+_MEANT = {
+    "cores": "jobs", "cpus": "jobs", "force": "overwrite", "fps": "frames_per_second",
+    "samples": "subframes", "threads": "jobs",
+}  # fmt: skip
+
+
 class _WithExamples(click.Command):
     """A command or group whose epilog holds examples."""
 
@@ -182,9 +189,12 @@ class Command(_WithExamples):
 
             told = f"No such option {error.option_name}"
             key = error.option_name.lstrip("-").replace("-", "_")
+            key = _MEANT.get(key, key)
             takers = [each.opts[-1] for each in self.params if key in _choices(each)]
             if takers:
                 told = f"{told}. Did you mean '{takers[0]} {key}'?"
+            elif any(f"--{key}" in each.opts for each in self.params):
+                told = f"{told}. Did you mean '--{key}'?"
             elif key in SHOT_FILE.keys:
                 told = f"{told}: {key} is a key of shots. Write it there."
             else:
@@ -195,7 +205,11 @@ class Command(_WithExamples):
                 name = param.opts[-1]
                 text = f"{name} is given {order.count(param)} times. Give one {param.type.name}"
                 raise click.UsageError(text, ctx)
-        return super().parse_args(ctx, args)
+        try:
+            return super().parse_args(ctx, args)
+        except click.MissingParameter as error:
+            help_text = getattr(error.param, "help", None)
+            raise click.MissingParameter(help_text, ctx, error.param) from error
 
     def invoke(self, ctx: click.Context) -> Any:
         """As always, where no output is an option by mistake, or an input of the work, and there is
@@ -242,6 +256,13 @@ class CommandGroup(_WithExamples, click.Group):
     """A group of such commands."""
 
     command_class = Command
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        """As always; a name of an option is told to be one."""
+        if args[0] in ("help", "version") and args[0] not in self.commands:
+            text = f"No such command '{args[0]}'. Did you mean '--{args[0]}'?"
+            raise click.UsageError(text, ctx)
+        return super().resolve_command(ctx, args)
 
 
 class _Forgiving(io.FileIO):

@@ -22,7 +22,7 @@ from featherfx._version import __version__
 from featherfx.baking.bake import store_report
 from featherfx.baking.options import BakeOptions, make_options, takes
 from featherfx.baking.task import check_report
-from featherfx.errors import InputError, Problem, SimulationError
+from featherfx.errors import InputError, Problem, SimulationError, require_type
 from featherfx.farm.cluster import opened
 from featherfx.farm.work import (
     BAKE,
@@ -435,6 +435,9 @@ def bake_many(
     chosen = make_options(BakeOptions, options)
     notify = listener_of(progress, "frames")
     shots = [shots] if isinstance(shots, str | Path) else shots
+    require_type("shots", shots, Sequence, "the paths of shot files")
+    for each in shots:
+        require_type("shots", each, str | Path, "the paths of shot files")
     if not shots or chosen.feathers is not None:
         what = (
             "no shot is given. Name a shot"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, fields, replace
 from importlib import import_module
@@ -13,6 +13,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from featherfx.errors import InputError, Problem, require_type
+from featherfx.groom.presets.folders import folders_of
 from featherfx.provenance import StageRead
 
 # source of tables that no file holds
@@ -43,7 +44,10 @@ class Document:
 
     def with_tables(self, tables: Mapping[str, Any]) -> Document:
         """Return it with some top-level keys of other values; None: without the key."""
-        found = {**self.tables, **{key: self._plain(key, each) for key, each in tables.items()}}
+        found = {
+            **self.tables,
+            **{str(key): self._plain(str(key), each) for key, each in tables.items()},
+        }
         return replace(self, tables={key: each for key, each in found.items() if each is not None})
 
     def with_overrides(self, changes: Mapping[str, Mapping[str, Any]]) -> Document:
@@ -73,6 +77,9 @@ class Document:
     def _plain(self, key: str, value: Any) -> Any:
         """Return a value in TOML's types. Raises InputError for one that TOML cannot hold."""
         if isinstance(value, Documented):
+            if key != value.document_kind:
+                told = f"{value!r} is a {value.document_kind}. Give what `{key}` of a file holds"
+                raise InputError(Problem(str(self.source), key, told))
             return value.written_document().seen_from(self.source.parent)
         if isinstance(value, Mapping):
             found = {name: self._plain(f"{key}.{name}", each) for name, each in value.items()}
@@ -104,14 +111,15 @@ class Documented:
         cls,
         tables: Mapping[str, Any],
         folder: str | Path = ".",
-        preset_folders: tuple[str | Path, ...] = (),
+        preset_folders: Iterable[str | Path] = (),
     ) -> Self:
         """Read tables as a TOML file has them; arrays, tuples, paths and grooms are allowed.
 
         folder: from which the names of files are seen. Raises InputError with all problems.
         """
         require_type("tables", tables, Mapping, "a dict of the keys of the file")
-        empty = Document(cls.document_kind, {}, Path(folder) / _IN_MEMORY, preset_folders)
+        folders = folders_of(preset_folders)
+        empty = Document(cls.document_kind, {}, Path(folder) / _IN_MEMORY, folders)
         found: Self = empty.with_tables(tables).read()
         return found
 
@@ -143,6 +151,7 @@ class Documented:
         """
         from featherfx.groom.read.toml_text import save_toml
 
+        require_type("path", path, str | Path, "the path of a file that ends in .toml")
         target, document = Path(path), self.written_document()
         save_toml(document.seen_from(target.parent), target, overwrite)
         return target

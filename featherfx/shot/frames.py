@@ -10,6 +10,7 @@ from math import isfinite
 import numpy as np
 
 from featherfx.algebra.types import Array
+from featherfx.errors import require_type
 from featherfx.feather.types import Feather, RowPoints, turned
 from featherfx.groom.keys.problems import nearest
 from featherfx.mechanics.model import Gaps
@@ -102,6 +103,7 @@ class MeshPoints(Mapping[str, Array]):
         return {name: number for number, name in enumerate(self._frame.ids)}
 
     def __getitem__(self, name: str) -> Array:
+        require_type("id", name, str, f"an id, such as {next(iter(self._numbers), '')!r}")
         if name not in self._numbers:
             raise KeyError(f"no feather {name!r}, {nearest(str(name), self._numbers)}")
         number = self._numbers[name]

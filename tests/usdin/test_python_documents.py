@@ -94,6 +94,20 @@ def test_long_calls_tell_how_far_they_are(tmp_path, capsys):
     assert not list(tmp_path.glob("d*"))
 
 
+def test_nothing_changes_in_place_and_equal_values_are_equal(shot):
+    again = ffx.read_shot(shot.source).with_quality("draft")
+    assert again == shot
+    assert again.groom.joints[0] == shot.groom.joints[0]
+    assert shot.wind == again.wind != shot.replace(wind="breeze").wind
+    arrays = (shot.gravity, shot.wind.direction, shot.groom.feathers[0].rotation)
+    for each in (*arrays, shot.groom.joints[0].position):
+        with pytest.raises(ValueError, match="read-only"):
+            each[0] = 0.0
+    own = np.zeros(3)
+    assert replace(shot, gravity=own) != shot
+    own[2] = 1.0  # of who gave it
+
+
 def test_overrides_act_as_those_of_a_file(shot):
     changed = shot.with_overrides({"*primary_*": {"rachis.youngs_modulus": 6e9}})
     other = shot.with_overrides({"*primary_*": {"rachis_material": {"youngs_modulus": 6e9}}})

@@ -115,8 +115,13 @@ class Place:
         """fail() for a name that is none of the known ones, with the one that is likely meant."""
         return self.fail(self.meant(message, name, names))
 
-    def unknown_key(self, names: Iterable[str], below: Sequence[str]) -> Any:
-        """fail() for a key that a table lacks. below: keys of its tables that have this name."""
+    def unknown_key(
+        self, names: Iterable[str], below: Sequence[str], near: Sequence[str] = ()
+    ) -> Any:
+        """fail() for a key that a table lacks.
+
+        below, near: keys of its tables that have this name, and the name that is most like it.
+        """
         name = self.key.rpartition(".")[2]
         if below:
             return self.fail(f"unknown key, did you mean {' or '.join(below)}?")
@@ -126,6 +131,8 @@ class Place:
             return self.fail(f"is an option of commands. Write --{name.replace('_', '-')} there")
         if "." in self.key and name in self.problems.file_keys:
             return self.fail("unknown key here. Write it above the first table of the file")
+        if near and near[0].rpartition(".")[2] not in names:
+            return self.fail(f"unknown key, did you mean {' or '.join(near)}?")
         return self.unknown("unknown key", name, names)
 
     def meant(self, message: str, name: str, names: Iterable[str]) -> str:

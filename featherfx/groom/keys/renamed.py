@@ -85,6 +85,18 @@ REMOVED = {
     "crest.layer": "Delete it: its feathers stay as they are placed.",
 }
 
+# names that other programs have for keys
+SYNONYMS = {
+    "camera": "level_of_detail",
+    "end": "frames",
+    "fps": "frames_per_second",
+    "hooked": "hooks",
+    "intensity": "speed",
+    "start": "frames",
+    "strength": "speed",
+    "turbulence": "gust",
+}
+
 _INDEX = re.compile(r"\[\d+\]")
 
 

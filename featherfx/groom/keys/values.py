@@ -18,7 +18,7 @@ from types import SimpleNamespace
 from typing import Any, Protocol, get_args, get_type_hints
 
 from featherfx.errors import CONTROL
-from featherfx.groom.keys.problems import INVALID, Place, closest
+from featherfx.groom.keys.problems import INVALID, Place, Problems, closest
 from featherfx.limits import (
     MAX_CHARACTERS,
     MAX_PATTERNS,
@@ -90,6 +90,11 @@ class Number:
         if not self.low <= value <= self.high:
             return place.fail(f"{shown(value)} is out of range. Give {self.allowed()}")
         return int(value) if self.whole else float(value)
+
+    def is_beyond(self, value: Any) -> bool:
+        """Return True for a number outside of the range."""
+        sound = isinstance(value, (int, float)) and math.isfinite(value)
+        return sound and not self.low <= value <= self.high
 
     def allowed(self) -> str:
         return self._range() + (f" {self.unit}" if self.unit else "")
@@ -170,6 +175,8 @@ class ArrayOf:
         if value and isinstance(self.item, ArrayOf) and not any(type(x) is list for x in value):
             rows = ", ".join([f"[{', '.join(map(shown, value[: self.item.least]))}]", "..."])
             return place.fail(f"{shown(value)} holds no arrays. Give {self._items()}: [{rows}]")
+        if isinstance(self.item, Number) and sum(map(self.item.is_beyond, value)) > 1:
+            return place.fail(f"{shown(value)} is out of range. Give {self.item.allowed()} in each")
         items = tuple(self.item.check(each, place.item(i), False) for i, each in enumerate(value))
         return INVALID if any(each is INVALID for each in items) else items
 
@@ -339,13 +346,17 @@ class Table:
         if isinstance(value, list) and value and all(isinstance(each, dict) for each in value):
             return place.fail(f"is an array of tables. Write [{place.key}] with one bracket")
         if not isinstance(value, dict):
-            needed = [name for name, key in self.keys.items() if key.default is REQUIRED]
-            some = sorted(self.keys)[:_FEW_KEYS]
-            holds = f" of {', '.join(needed)}" if needed else f" of keys such as {', '.join(some)}"
+            holds = self.examples()
             given = "{ }" if "[" in place.key else f"{{ }} or a table [{place.key}]"
             return place.fail(f"{shown(value)} is not a table. Give {given}{holds}")
         parts = self.parts(value, place, partial)
         return INVALID if any(each is INVALID for each in parts.values()) else parts
+
+    def examples(self) -> str:
+        """Return the end of a sentence: the keys that it needs, or some that it may have."""
+        needed = [name for name, key in self.keys.items() if key.default is REQUIRED]
+        some = sorted(self.keys)[:_FEW_KEYS]
+        return f" of {', '.join(needed)}" if needed else f" of keys such as {', '.join(some)}"
 
     def parts(self, value: dict[str, Any], place: Place, partial: bool = False) -> dict[str, Any]:
         """The value of each key as it is checked, INVALID where it is wrong."""
@@ -380,11 +391,35 @@ class Table:
                 return {}
             is_required = replacing.default is REQUIRED
             return {old.new: INVALID if is_required else replacing.default}
+        if meant := self._meant(name, value):
+            at.fail(f"unknown key, did you mean '{meant}'?")
+            return {meant: INVALID}
         below, around = (_keys_below(each, name) for each in (self.keys, place.around))
         if around and not below and not closest(name, list(self.keys), 1):
             below = around
-        at.unknown_key(self.keys, below)
+        near = closest(name, [*self.keys, *_names_below(self.keys)], 1)
+        at.unknown_key(self.keys, below, _keys_below(self.keys, *near) if near else [])
         return {}
+
+    def _meant(self, name: str, value: dict[str, Any]) -> str:
+        """Return the key that an unknown one stands for, where it is no near name; "" for none.
+
+        That is one of SYNONYMS, or the one key that is missing, if the value fits it.
+        """
+        from featherfx.groom.keys.renamed import SYNONYMS
+
+        if (known := SYNONYMS.get(name, "")) in self.keys and known not in value:
+            return known
+        lacking = [
+            each for each, key in self.keys.items() if key.default is REQUIRED and each not in value
+        ]
+        if [each for each in value if each not in self.keys] != [name] or len(lacking) != 1:
+            return ""
+        if closest(name, list(self.keys), 1) or _keys_below(self.keys, name):
+            return ""
+        at = Place("", lacking[0], Problems())
+        fits = self.keys[lacking[0]].type.check(value[name], at, False) is not INVALID
+        return lacking[0] if fits else ""
 
     def describe(self) -> tuple[str, str, str]:
         return self.title, "", ""
@@ -438,10 +473,19 @@ class Tables:
         return one_of_types(several, self.table.schema(partial)) if self.single else several
 
 
+def _tables_among(keys: Mapping[str, Key]) -> dict[str, Mapping[str, Key]]:
+    """Return the keys of tables among some keys."""
+    return {key: getattr(_whole(each.type), "keys", {}) for key, each in keys.items()}
+
+
+def _names_below(keys: Mapping[str, Key]) -> set[str]:
+    """Return the names of all keys of tables among some keys."""
+    return {name for own in _tables_among(keys).values() for name in own}
+
+
 def _keys_below(keys: Mapping[str, Key], name: str) -> list[str]:
     """Return the dotted keys of tables among some keys that end with a name."""
-    inner = {key: getattr(_whole(each.type), "keys", {}) for key, each in keys.items()}
-    return [f"{key}.{name}" for key, own in inner.items() if name in own]
+    return [f"{key}.{name}" for key, own in _tables_among(keys).items() if name in own]
 
 
 def _whole(kind: ValueType) -> ValueType:
@@ -516,4 +560,5 @@ def expected(kind: ValueType) -> str:
     name, unit, allowed = kind.describe()
     article = "an" if name[0] in "aeiou" else "a"
     tail = " ".join(part for part in (allowed, unit) if part)
+    name += kind.examples() if name == "table" and isinstance(kind, Table) else ""
     return f"{article} {name}, {tail}" if tail else f"{article} {name}"

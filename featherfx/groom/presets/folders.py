@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
+from featherfx.errors import Problem, require, require_type
 from featherfx.files.folders import shipped
 
 _PRESETS_VARIABLE = "FEATHERFX_PRESETS"
@@ -16,6 +17,17 @@ SHIPPED_PRESETS = "shipped"
 def shipped_folder() -> Path:
     """The presets that come with featherfx."""
     return shipped("presets")
+
+
+def folders_of(preset_folders: Iterable[str | Path]) -> tuple[str | Path, ...]:
+    """Return folders of presets. Raises TypeError for one path, InputError for those not there."""
+    listed = not isinstance(preset_folders, str | Path)
+    require_type("preset_folders", preset_folders, Iterable if listed else (), "a list of folders")
+    found = tuple(preset_folders)
+    told = "there is no such folder. Check the path"
+    lacking = (each for each in found if each != SHIPPED_PRESETS and not Path(each).is_dir())
+    require(*(Problem(str(each), "", told) for each in lacking))
+    return found
 
 
 def search_path(folders: Iterable[str | Path] = ()) -> tuple[Path, ...]:

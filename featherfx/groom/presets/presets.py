@@ -11,7 +11,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from featherfx.errors import InputError, Problem
+from featherfx.errors import InputError, Problem, require_type
 from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.preset import PRESET_FAMILIES, Quality
 from featherfx.groom.keys.problems import Place, Problems, nearest
@@ -104,6 +104,7 @@ def load_preset(name: str, preset_folders: Iterable[str | Path] = ()) -> tuple[s
 
 def read_quality(name: str, preset_folders: Iterable[str | Path] = ()) -> Quality:
     """A quality preset by its name. Raises InputError."""
+    require_type("name", name, str, "the name of a quality preset")
     _, tree = load_preset(f"quality/{name}", preset_folders)
     return Quality(name=name, **plain(tree))
 

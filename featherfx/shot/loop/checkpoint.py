@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from featherfx.algebra.types import Array, Indices
-from featherfx.errors import InputError, Problem
+from featherfx.errors import InputError, Problem, require_type
 from featherfx.files.atomic_write import write_whole
 from featherfx.shot.loop.run import Arrays, prefixed, under
 from featherfx.solver.state import State
@@ -31,7 +31,7 @@ class Checkpoint:
     stages: dict[str, Arrays] = field(default_factory=dict)
     wanted: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | Path) -> None:
         """Write it to an .npz file, whole or not at all."""
         arrays = {"index": np.array(self.index), "groups": np.array(len(self.states))}
         arrays |= {"wanted": self.wanted}
@@ -39,11 +39,12 @@ class Checkpoint:
             arrays |= prefixed(f"{k}.", state.arrays()) | {f"{k}.start": start}
         for name, own in self.stages.items():
             arrays |= prefixed(f"{name}/", own)
-        write_whole(path, lambda file: np.savez(file, **arrays))  # type: ignore[arg-type]
+        write_whole(Path(path), lambda file: np.savez(file, **arrays))  # type: ignore[arg-type]
 
     @staticmethod
-    def load(path: Path) -> Checkpoint:
+    def load(path: str | Path) -> Checkpoint:
         """Read what save wrote. Raises InputError where the file is not that."""
+        require_type("path", path, str | Path, "the path of a file that Checkpoint.save wrote")
         try:
             with np.load(path, allow_pickle=False) as file:
                 groups = range(int(file["groups"]))
@@ -52,6 +53,9 @@ class Checkpoint:
                 names = sorted({name.partition("/")[0] for name in file if "/" in name})
                 stages = {name: under(f"{name}/", file) for name in names}
                 return Checkpoint(int(file["index"]), states, starts, stages, file["wanted"])
+        except FileNotFoundError:
+            told = "there is no such file. Check the path"
+            raise InputError(Problem(str(path), "", told)) from None
         except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
             lacks = f": {error}" if isinstance(error, KeyError) else ""
             told = f"is no checkpoint{lacks}. Give a file that Checkpoint.save wrote"

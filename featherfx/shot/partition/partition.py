@@ -38,7 +38,7 @@ def share_numbers(shot: Shot, index: int, count: int) -> Indices:
         islands = shot_islands(shot)
         most = _most(islands)
     if not 1 <= index <= count <= most:
-        message = f"{index}/{count} is out of range. Give 1/1 to {most}/{most}"
+        message = f"{index}/{count} is no share. Give I/N, I from 1 to N, and N at most {most}"
         if islands is not None:
             message += ", the number of islands of feathers that may touch"
         raise InputError(Problem(str(shot.source), "feathers", message))

@@ -119,6 +119,7 @@ def _collect(
             motion = read_motion(raw.get("motion"), given, place.child("motion"), library, groom)
     loads = _loads(parts, groom)
     _check_frames(parts["frames"], place.child("frames"))
+    _check_cuts(parts, place.child("cuts"))
     contact = _contact(parts["contact"], groom, place.child("contact"), sound)
     if not sound or groom is None:
         return None
@@ -211,6 +212,16 @@ def _contact(
 def _check_frames(frames: Any, place: Place) -> None:
     if frames is not INVALID and frames[1] < frames[0]:
         place.fail(f"the last frame {frames[1]} comes before the first {frames[0]}")
+
+
+def _check_cuts(parts: dict[str, Any], place: Place) -> None:
+    """Refuse cuts at frames that are not written."""
+    if INVALID in (parts["frames"], parts["cuts"], parts["handles"]):
+        return
+    (first, last), handles = parts["frames"], parts["handles"]
+    for index, frame in enumerate(parts["cuts"] or ()):
+        if not first - handles <= frame <= last + handles:
+            place.item(index).fail(f"{frame} is not of the shot. Give {first} to {last}")
 
 
 def _groom(

@@ -25,7 +25,7 @@ from featherfx.files.atomic_write import into, standing, write_all
 from featherfx.phases import counted
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.types import OutputError, StageSpace
-from featherfx.usd.write.output import find_file_problems
+from featherfx.usd.write.output import USD_SUFFIXES, find_file_problems
 
 MESH_SUFFIXES = (".glb", ".obj", ".ply", ".stl")
 
@@ -51,7 +51,8 @@ def mesh_sequence(
     files = [_numbered(output, code) for code in codes]
     problems = find_file_problems(files or [output], overwrite)
     if output.suffix not in MESH_SUFFIXES:
-        message = f"suffix '{output.suffix}' is not one of .abc, {', '.join(MESH_SUFFIXES)}"
+        known = ", ".join((*USD_SUFFIXES, ".abc", *MESH_SUFFIXES))
+        message = f"suffix '{output.suffix}' is not one of {known}"
         problems.append(Problem(str(output), "", message))
     if problems:
         raise OutputError(*problems)

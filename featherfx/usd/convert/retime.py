@@ -74,7 +74,7 @@ def map_keys(keys: Sequence[tuple[float, float]], range_: tuple[float, float]) -
     range_: first and last frame of the cache. Raises InputError for fewer than two keys, new frames
     that do not increase, and old ones outside.
     """
-    if any(len(key) != 2 for key in keys):
+    if any(not isinstance(key, Sequence) or len(key) != 2 for key in keys):
         raise _argument_error("keys", f"are {keys}. Give pairs (new frame, old frame)")
     new, old = ([key[k] for key in keys] for k in (0, 1))
     if len(keys) < 2:

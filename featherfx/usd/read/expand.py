@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from pxr import Usd, UsdGeom
 
 from featherfx.algebra.rotation import quats_to_frames
 from featherfx.algebra.types import Flags
-from featherfx.errors import InputError, Problem, require
+from featherfx.errors import InputError, Problem, require, require_type
 from featherfx.feather.barb_looks import clumped, drawn_barbs
 from featherfx.feather.build import scale_feather
 from featherfx.feather.carry_kernels import keep_lengths
@@ -160,6 +161,9 @@ def expand(
     None: none. Raises InputError where the file cannot be opened, holds no condensed feathers of
     featherfx, or they are damaged; and for a density out of range.
     """
+    require_type("stage", stage, str | Path | Usd.Stage, "a stage, or the path of a cache")
+    for name, number in (("rows", rows), ("columns", columns), ("barbs", barbs)):
+        require_type(name, number, Integral | None, "a whole number, or None")
     allowed = {"rows": (rows, 3, MAX_ROWS), "columns": (columns, 1, MAX_COLUMNS)}
     allowed["barbs"] = (barbs, 1, MAX_BARBS)
     problems = [

@@ -94,6 +94,7 @@ class FeatherCache(Mapping[str, FeatherTrack]):
         return float(self._open.frames_per_second)
 
     def __getitem__(self, name: str) -> FeatherTrack:
+        require_type("id", name, str, f"an id, such as {next(iter(self._numbers))!r}")
         if name not in self._numbers:
             raise KeyError(f"no feather {name!r}, {nearest(str(name), self._numbers)}")
         feather = self._open.feathers[self._numbers[name]]

@@ -132,7 +132,7 @@ class StageSkin:
             with Image.open(path) as image:
                 return np.asarray(image.convert(mode), dtype=np.float64) / 255.0
         except FileNotFoundError:
-            place.refuse(f"{path}: there is no such file")
+            place.refuse(f"{path}: there is no such file. Check the path")
         except OSError as error:
             place.refuse(f"{path}: cannot be read: {error}")
 
