@@ -41,9 +41,9 @@ FEW_STEPS, SHRINK = 0.25, 0.25
 DEAR, GROW = 2.0, 1.1
 # Newton iterations of a feather in a frame, over MAX_ITERATIONS, until its contacts are left out:
 # it is solved in rounds; and, over those, until the bake ends
-MORE_ITERATIONS, MAX_WORK = 8, 4
+MORE_ITERATIONS, MAX_WORK = 4, 8
 # the least of the former: where contacts were left out, the next frame has half as many
-_FEWEST_ITERATIONS = 1
+_FEWEST_ITERATIONS = 0.25
 
 
 @dataclass(frozen=True)
@@ -169,9 +169,13 @@ class FrameSteps:
 
     def left(self) -> bool:
         """Return whether the end is not reached; chooses the next step."""
-        left, h = self.end - self.time, self.proposal
+        left = self.end - self.time
         if left <= self._done:
             return False
+        # where one at most has contacts left, all divide the rest by themselves
+        tired = self.tired()
+        one = tired.any() and (~tired & (self._spent > 0.0)).sum() <= 1
+        h = left if one and not self.rules.steps else self.proposal
         # even steps: feathers keep their matrices from one to the next
         count = max(1, ceil(0.999 * left / h))
         stop = self.end if count == 1 else self.time + left / count
