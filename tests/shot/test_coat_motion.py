@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from dataclasses import replace
 from itertools import pairwise
@@ -310,6 +311,20 @@ def test_a_channel_rolls_feathers_as_far_as_leaves_leave_room(sheet_shot, length
     said = [str(each.message) for each in told if "of the coat roll" in str(each.message)]
     assert len(said) == (roll < 40.0)
     assert all("of 40 degrees" in each for each in said)
+
+
+@pytest.mark.parametrize("name", ["turn", "fan"])
+def test_a_coat_that_channels_move_without_a_skin_is_told(sheet_shot, tmp_path, name):
+    sheet_shot(lambda points, k: points, f"[[channel]]\nname = '{name}'\nkeys = [[1, 5]]\n")
+    text = re.sub(r"(?m)^\[skin\]\n|^(usd|prim) = .*\n", "", (tmp_path / "shot.toml").read_text())
+    (tmp_path / "bare.toml").write_text(text)
+    shot = featherfx.read_shot(tmp_path / "bare.toml")
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        list(simulate(shot))
+    said = [str(each.message) for each in told if "one by one" in str(each.message)]
+    assert len(said) == (name == "turn")
+    assert all("20 feathers of the coat" in each for each in said)
 
 
 def count_intersecting(drawn, points: RowPoints) -> int:

@@ -218,9 +218,8 @@ class ShotContact:
             self.tally.repeated += done.tries
             parts.append(reports)
         self._pace, self._patience = steps.pace, steps.next_patience()
-        tired = steps.tired()
-        _warn_of(tired & ~self._yielded, self.names, start)
-        self._yielded |= tired
+        _warn_of(stepper.yielded & ~self._yielded, self.names, start)
+        self._yielded |= stepper.yielded
         return current, [_summed(batch) for batch in zip(*parts, strict=True)]
 
     def _meet(self, states: Sequence[State], paths: Sequence[RootPath], duration: float) -> None:
@@ -353,14 +352,14 @@ def _warn_of_crossed(crossed: Sequence[Mapping[str, Any]], laid: bool) -> None:
         )
 
 
-def _warn_of(tired: Flags, names: Sequence[str], time: float) -> None:
+def _warn_of(yielded: Flags, names: Sequence[str], time: float) -> None:
     """Warn of feathers (B,) whose contacts yield first in the frame from a time (s) on."""
-    if tired.any():
-        more = f" and {int(tired.sum()) - 1} more" if tired.sum() > 1 else ""
+    if yielded.any():
+        more = f" and {int(yielded.sum()) - 1} more" if yielded.sum() > 1 else ""
         warnings.warn(
-            f"contact: feather '{names[int(np.flatnonzero(tired)[0])]}'{more} took too many Newton"
-            f" iterations in the frame from {time:.4g} s on, and contacts yielded there: what holds"
-            " them apart may be passed. Less wind or slower roots help",
+            f"contact: feather '{names[int(np.flatnonzero(yielded)[0])]}'{more} could not be solved"
+            f" with firm contacts in the frame from {time:.4g} s on, and contacts yielded there:"
+            " what holds them apart may be passed. Less wind or slower roots help",
             InputWarning,
             stacklevel=2,
         )

@@ -65,7 +65,8 @@ class Stepped:
 class Stepper:
     """Steps all feathers over a span, islands of trouble in shorter steps.
 
-    spend: told the iterations of every try. tired: tells whose contacts are left out.
+    spend: told the iterations of every try. tired: tells whose contacts are left out. yielded: (B,)
+    feathers whose contacts yielded so far, or were left out.
     """
 
     def __init__(
@@ -77,7 +78,7 @@ class Stepper:
         tired: Callable[[], Flags],
     ) -> None:
         self._solver, self._rules, self._around = solver, rules, around
-        self._spend, self._tired = spend, tired
+        self._spend, self._tired, self.yielded = spend, tired, tired()
 
     def step(
         self,
@@ -112,6 +113,7 @@ class Stepper:
             ),
         )
         self._spend(reports, span.start)
+        self.yielded |= self._tired()
         off = self._rules.off(reports, contact, span)
         if not off.any():
             solver.accept()
@@ -122,6 +124,7 @@ class Stepper:
                 self._rules.give_up(reports, span.start)
                 solver.accept()
                 return Stepped(new, reports, [(span.length, contact)], 0)
+            self.yielded |= failed
             if yielding is None:
                 again = self.step(states, span, resting, led, failed)
             else:

@@ -1,4 +1,5 @@
-"""Channels whose feathers do not feel them: nothing is solved of guided and rigid ones."""
+"""Channels that act otherwise than asked: on guided and rigid feathers, of which nothing is solved,
+and on coats without a skin."""
 
 from __future__ import annotations
 
@@ -14,6 +15,8 @@ from featherfx.shot.types import CHANNELS, Shot
 
 # channels that act within the simulation, or on what comes of it
 FELT = ("stiffness", "damping", "wind", "gravity", "follow")
+# those that raise or turn the leaves of a coat together
+_TOGETHER = ("ruffle", "sleek", "turn", "puff")
 
 
 def warn_of_unfelt(shot: Shot, options: Sequence[FeatherOptions]) -> None:
@@ -33,3 +36,13 @@ def warn_of_unfelt(shot: Shot, options: Sequence[FeatherOptions]) -> None:
             message = f"none of its {int(own.sum())} feathers is {which}, so none feels {name}"
             message += ". Give them another level in [[detail]]"
             warnings.warn(f"{shot.source}: channel[{number}]: {message}", InputWarning, 2)
+    if shot.skin is None and shot.groom.coat is not None:
+        coat = np.array([each.leaf is not None for each in shot.groom.feathers], dtype=np.bool_)
+        apart = [(course.weights != 0.0) & coat for course in courses(shot, _TOGETHER)]
+        if apart and (count := int(np.any(apart, axis=0).sum())):
+            warnings.warn(
+                f"{shot.source}: channel: {count} feathers of the coat turn one by one and may pass"
+                " through each other, as the shot has no [skin]. Add one with the groom's skin",
+                InputWarning,
+                2,
+            )
