@@ -148,10 +148,10 @@ def carry_out(task: BakeTask, notify: Callable[[int, int], None]) -> dict[str, A
             from featherfx.baking.frame_loop import simulate_and_write
 
         done, figures = simulate_and_write(task, notify)
-    if task.shot.motion.kind == "act" and task.shot.skin is not None:
+    if task.shot.motion.moves_skin and task.shot.skin is not None:
         from featherfx.usd.write.body import write_bodies
 
-        if bodies := write_bodies(task.shot, task.path, task.frames):
+        if bodies := write_bodies(task.shot, task.path, task.frames, task.options.subframes):
             figures["bodies"] = [str(each) for each in bodies]
     stepped = figures.pop("stepped", ())
     judged = usd.judge.judge_cache(task.path, stepped, _MAX_SKIN_FRAMES)

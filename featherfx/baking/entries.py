@@ -298,10 +298,10 @@ def scenery_of(shot: Shot, path: Path) -> dict[str, Any]:
     found = [("skin", part.surface, shot.skin.clock) for part in skin if shot.skin is not None]
     found += [("collider", each.surface, each.clock) for each in shot.colliders]
     bodies = {}
-    if shot.motion.kind == "act" and shot.skin is not None:
+    if shot.motion.moves_skin and shot.skin is not None:
         from featherfx.usd.write.body import list_bodies
 
-        bodies = {body.file: file for file, body in list_bodies(shot, path).items()}
+        bodies = {each[0].file: file for file, each in list_bodies(shot, path).items()}
     # a collider may be the skin, too
     known = {(each[1].file, each[1].path): each for each in reversed(found)}
     return _told_scenery(

@@ -125,7 +125,7 @@ def prepare(given: str | Path | Shot, output: str | Path | None, options: BakeOp
     refuse_unfit_usd()
     shot, target, path = _checked(given, output, options)
     name = str(shot.source)
-    if shot.motion.kind == "act" and shot.skin is not None:
+    if shot.motion.moves_skin and shot.skin is not None:
         from featherfx.usd.write.body import check_bodies
 
         check_bodies(shot, path, options.overwrite or options.resume)

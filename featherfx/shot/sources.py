@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -48,6 +48,23 @@ class OfScene(Protocol):
         """Path in the scene, every file that the scene is made of, and how it is read."""
 
 
+class JointTree(NamedTuple):
+    """J joints of a skeleton, each behind its parent.
+
+    skeleton: its path. names: paths of the joints in it. parents: (J,), -1 where there is none.
+    """
+
+    skeleton: str
+    names: tuple[str, ...]
+    parents: Indices
+
+    def find(self, name: str) -> list[int]:
+        """List the joints that a path, or the end of one, names."""
+        if name in self.names:
+            return [self.names.index(name)]
+        return [k for k, each in enumerate(self.names) if each.endswith(f"/{name}")]
+
+
 class MovingSurface(OfScene, Protocol):
     """A triangle mesh that moves; metres, z up.
 
@@ -74,6 +91,17 @@ class MovingSurface(OfScene, Protocol):
     @property
     def variant_sets(self) -> Mapping[str, str]:
         """Variants that are chosen in it by the names of their sets."""
+
+    @property
+    def joint_tree(self) -> JointTree | None:
+        """Joints that move it; None where none do."""
+
+    def joint_matrices(self, code: float | None) -> Array:
+        """(J + 1, 4, 4) from joints, and at last from their skeleton, to the world at a time code,
+        row vectors; None: at rest."""
+
+    def posed_points(self, code: float, joints: Array) -> Array:
+        """(V, 3) m, all points at a time code with joints (J + 1, 4, 4) that stand so instead."""
 
     def corners(self, code: float, triangles: Indices) -> Array:
         """(F, 3, 3) m, corners of triangles (F, 3) of points at a time code."""

@@ -414,6 +414,12 @@ class Motion:
         count."""
         return self.kind in ("fold", "flap", "act")
 
+    @property
+    def moves_skin(self) -> bool:
+        """Return whether it carries a skin, or drives the joints of its skeleton."""
+        values = self.values if self.kind == "act" else {}
+        return values.get("body") == "act" or bool(values.get("joints"))
+
 
 class MeasuredGrid(NamedTuple):
     """Levels of SPACE and TIME (shot/options) that a feather was measured to need, its error there

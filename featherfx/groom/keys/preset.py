@@ -19,6 +19,7 @@ from featherfx.groom.keys.values import (
     Number,
     Table,
     Text,
+    TextsByName,
     ValueType,
     keys_of,
     vector,
@@ -398,6 +399,12 @@ MOTION_KEYS: dict[str, dict[str, Key]] = {
             "whole groom, which carry the skin as it is at the first frame.",
             "skin",
         ),
+        "joints": Key(
+            TextsByName(),
+            "Joints of the skin's skeleton that joints of the groom drive, by the names of these: "
+            "paths, or their ends. They stand as the act has the groom's, since the skin's rest.",
+            {},
+        ),
     },
 }
 
@@ -415,6 +422,8 @@ _KINDS |= {
     for kind, keys in MOTION_KEYS.items()
 }
 _MOTION |= {name: key for keys in _KINDS.values() for name, key in keys.items()}
+# patterns of a fold or a swing, and the map of an act
+_MOTION["joints"] = Key(Either({str: Text(empty=True), dict: TextsByName()}), "Joints.", None)
 
 PRESET_FAMILIES = {
     each.family: each

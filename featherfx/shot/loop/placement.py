@@ -46,18 +46,21 @@ def place_feathers(shot: Shot) -> Shot:
     """
     groom = lay_out(shot.groom)
     _refuse_touching_crowds(replace(shot, groom=groom))
-    skin = shot.skin
+    skin, colliders = shot.skin, shot.colliders
     if shot.surfaces is not None:
         surfaces = shot.surfaces
-        if shot.motion.kind == "act":
-            surfaces = load_name("motion.body:carry_body")(replace(shot, groom=groom), surfaces)
+        if shot.motion.moves_skin:
+            move_body = load_name("motion.body:move_body")
+            surfaces, colliders = move_body(replace(shot, groom=groom), surfaces)
         skin = surfaces.bind(groom)
     if skin is not None:
         _refuse_crowds(groom.feathers, str(shot.source), "skin", "since these shelter each other")
     exposure = None
     if skin is not None:
         exposure = load_name("loads.shelter:lying_exposures")(groom.feathers, skin)
-    return replace(shot, groom=groom, skin=skin, surfaces=None, exposure=exposure)
+    return replace(
+        shot, groom=groom, skin=skin, colliders=colliders, surfaces=None, exposure=exposure
+    )
 
 
 def _refuse_touching_crowds(shot: Shot) -> None:

@@ -7,7 +7,7 @@ bones of wings go with its bones, and feathers between forearm and hand turn as 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,7 @@ from featherfx.errors import InputError, Problem
 from featherfx.groom.skin.skin import Binding, bind, follow
 from featherfx.groom.types import Groom
 from featherfx.shot.clock import StageClock
+from featherfx.shot.motion.body import BodySurface
 from featherfx.shot.motion.joints import JointPoses, Skeleton, joint_roots, skeleton_of
 from featherfx.shot.roots import RootFrames, Roots
 from featherfx.shot.skin import BoundSkin
@@ -32,7 +33,8 @@ class LimbRoots:
     """Roots of a skin, some of them on limbs.
 
     members: (L,) feathers of limbs. bearers: (L,) the feather whose root carries each one's limb.
-    rest: (F,) roots in the groom's frame.
+    rest: (F,) roots in the groom's frame. driven: of limbs whose bones an act moves (body.py),
+    which members these are, and turn and way from rest of their limb at a time in s.
     """
 
     skin: Roots
@@ -40,6 +42,7 @@ class LimbRoots:
     members: Indices
     bearers: Indices
     rest: RootFrames
+    driven: Sequence[tuple[Flags, Callable[[float], tuple[Array, Array]]]] = ()
 
     def frames(self, time: float) -> RootFrames:
         """Return where the roots are at a time, s since the first frame."""
@@ -49,6 +52,9 @@ class LimbRoots:
         turn = rotations[bearer] @ self.rest.rotations[bearer].transpose(0, 2, 1)
         away = (moved.positions[own] - self.rest.positions[bearer])[:, :, None]
         places = positions[bearer] + (turn @ away)[:, :, 0]
+        for which, bearing in self.driven:
+            turn[which], way = bearing(time)
+            places[which] = moved.positions[own[which]] @ turn[which][0].T + way
         positions[own], rotations[own] = places, turn @ moved.rotations[own]
         return RootFrames(positions, rotations)
 
@@ -66,8 +72,30 @@ def carried(groom: Groom, skin: Roots, joints: Roots) -> Roots:
         name: int(np.linalg.norm(rest.positions - joint_of[name].position, axis=1).argmin())
         for name in set(firsts.values())
     }
-    bearers = [bearer[firsts[groom.feathers[k].joint]] for k in members]
-    return LimbRoots(skin, joints, members, np.array(bearers, dtype=np.int64), rest)
+    limbs = [firsts[groom.feathers[k].joint] for k in members]
+    bearers = np.array([bearer[each] for each in limbs], dtype=np.int64)
+    return LimbRoots(skin, joints, members, bearers, rest, _driven(groom, skin, limbs))
+
+
+def _driven(
+    groom: Groom, skin: Roots, limbs: Sequence[str]
+) -> list[tuple[Flags, Callable[[float], tuple[Array, Array]]]]:
+    """As LimbRoots has it. limbs: (L,) first joint of each member's."""
+    parts = skin.parts if isinstance(skin, BoundSkin) else ()
+    found: dict[str, Callable[[float], tuple[Array, Array]]] = {}
+    for part in parts:
+        body = part.surface
+        if isinstance(body, BodySurface) and body.drive is not None and isinstance(skin, BoundSkin):
+            for joint in sorted(body.drive.driven.values()):
+                first = _first_joints(groom)[groom.joints[joint - 1].name]
+                found.setdefault(first, _bearing(body, joint, skin.clock))
+    return [(np.array([each == first for each in limbs]), way) for first, way in found.items()]
+
+
+def _bearing(
+    body: BodySurface, joint: int, clock: StageClock
+) -> Callable[[float], tuple[Array, Array]]:
+    return lambda time: body.bearing(joint, clock.code(time))
 
 
 def limbs_of(groom: Groom) -> Indices:

@@ -57,7 +57,7 @@ def undirected_motion(shot: Shot) -> Roots:
     if not shot.motion.of_limbs:
         return skin_roots(shot.groom, shot.skin)
     skeleton = skeleton_of(shot.groom)
-    poses = _without_body(joint_poses(shot.motion, shot, skeleton))
+    poses = without_body(joint_poses(shot.motion, shot, skeleton))
     return skin_roots(shot.groom, shot.skin, joint_roots(shot.groom, skeleton, poses))
 
 
@@ -94,7 +94,9 @@ def scaled_turns(rotations: Array, amount: Array | float) -> Array:
     return vectors_to_frames(amount * rotation_vectors(rotations))
 
 
-def _without_body(poses: PosesOverTime) -> PosesOverTime:
+def without_body(poses: PosesOverTime) -> PosesOverTime:
+    """Poses of joints that leave the groom itself where it is."""
+
     def limbs(time: float) -> JointPoses:
         found = poses(time)
         rotations, displacements = found.rotations.copy(), found.displacements.copy()

@@ -18,6 +18,7 @@ from featherfx.groom.keys.values import Either, Number, ValueType
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.types import Groom
 from featherfx.packages import load_name
+from featherfx.shot.sources import MovingSurface
 from featherfx.shot.types import Motion
 
 # acts within acts
@@ -72,6 +73,31 @@ def warn_of_aliases(motion: Motion, rate: float, source: str, tempo: float = 1.0
         remedy = f"Give more than {2.0 * fastest:.3g} frames_per_second"
         message = f"{source}: motion.wingbeat_frequency: {told}. {remedy}"
         warnings.warn(message, InputWarning, stacklevel=2)
+
+
+def check_driven(
+    motion: Motion, groom: Groom, surfaces: Sequence[MovingSurface] | None, place: Place
+) -> None:
+    """Problems where the map of an act names no joints of the groom, or none of the skin."""
+    driven, joints = motion.values["joints"], {joint.name for joint in groom.joints}
+    trees = [tree for each in surfaces or () if (tree := each.joint_tree) is not None]
+    if driven and not trees:
+        told = "drives the skeleton of a [skin], and the shot has none that a skeleton moves"
+        place.fail(f"{told}. Name a skinned mesh or a skeleton there, or leave the map out")
+        return
+    taken: dict[str, str] = {}
+    for own, name in driven.items():
+        at, found = place.child(own), {tree.names[k] for tree in trees for k in tree.find(name)}
+        if own not in joints:
+            at.unknown(f"no joint '{own}' in the groom", own, joints)
+        if not found:
+            known = {each for tree in trees for each in tree.names}
+            known |= {each.rpartition("/")[2] for each in known}
+            at.unknown(f"no joint '{name}' in {trees[0].skeleton}", name, known)
+        elif len(found) > 1:
+            at.fail(f"'{name}' is the end of {', '.join(sorted(found))}. Give one of these paths")
+        elif (other := taken.setdefault(next(iter(found)), own)) != own:
+            at.fail(f"'{name}' is driven by '{other}' already. Leave one of them out")
 
 
 def _parts(

@@ -25,7 +25,7 @@ from featherfx.groom.types import Groom
 from featherfx.shot.patterns import fits
 from featherfx.shot.read.clocks import DEFAULT_RATE, ClockReader
 from featherfx.shot.read.keys import SHOT_FILE
-from featherfx.shot.read.motion import read_motion, warn_of_aliases
+from featherfx.shot.read.motion import check_driven, read_motion, warn_of_aliases
 from featherfx.shot.types import (
     CHANNELS,
     Channel,
@@ -125,7 +125,11 @@ def _collect(
         return None
     scenes = _scenes(parts, groom, place, readers)
     limbs = motion is not None and motion.of_limbs
-    limbs &= any(feather.turning is not None for feather in groom.feathers)
+    moves_skin = motion is not None and motion.moves_skin
+    limbs &= moves_skin or any(feather.turning is not None for feather in groom.feathers)
+    if motion is not None and moves_skin:
+        surfaces = scenes["surfaces"] and scenes["surfaces"].surfaces
+        check_driven(motion, groom, surfaces, place.child("motion").child("joints"))
     if motion is not None and "motion" in raw and parts["skin"] is not None and not limbs:
         message = (
             "stands beside [skin], which moves the roots. A fold, flap or act of wings, tails "

@@ -46,7 +46,9 @@ def read_skin(
     # other meshes are named by feathers
     needed = {entry["prim"]: at.child("prim"), **dict.fromkeys(other, at)}
     path = readers.file(Path(place.source).parent, entry["usd"])
-    surfaces = readers.meshes(path, needed, entry, at)
+    motion = checked["motion"]
+    is_driven = isinstance(motion, dict) and isinstance(motion.get("joints"), dict)
+    surfaces = readers.meshes(path, needed, entry | {"is_driven": is_driven}, at)
     clock = clocks.clock(surfaces[0], entry, at)
     for surface in surfaces:
         _note(surface, "skin", checked, clock)

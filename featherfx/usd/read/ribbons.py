@@ -46,10 +46,11 @@ class Ribbons(ABC):
     """Interface of ribbons in the own space of a prim, as Surface uses a skinning.
 
     space: the prim. rest: (V, 3) in the bind pose. triangles: (T, 3), faces: (T,) bones or pieces
-    of a curve and lengths: (T,) of these.
+    of a curve and lengths: (T,) of these. skeleton: query of that whose bones they are along.
     """
 
     space: Any
+    skeleton: Any = None
     rest: Array
     triangles: Indices
     faces: Indices
@@ -163,27 +164,27 @@ class BoneRibbons(Ribbons):
         root = UsdSkel.Root.Find(prim)
         if root:
             self._cache.Populate(root, Usd.TraverseInstanceProxies())
-        self._skeleton = self._cache.GetSkelQuery(UsdSkel.Skeleton(prim))
-        places = np.array(self._skeleton.GetJointWorldBindTransforms())[:, 3, :3]
-        parents = list(self._skeleton.GetTopology().GetParentIndices())
+        self.skeleton = self._cache.GetSkelQuery(UsdSkel.Skeleton(prim))
+        places = np.array(self.skeleton.GetJointWorldBindTransforms())[:, 3, :3]
+        parents = list(self.skeleton.GetTopology().GetParentIndices())
         self.rest, self._weights, self.triangles, self.lengths = _make_strips(places, parents)
         self.faces = np.arange(len(self.triangles)) // (2 * _PIECES)
 
     def pose(self, code: Any) -> SkinPose:
         """Return the motion of the ribbons at a time code."""
         with usd_errors(self.space):
-            joints = np.array(self._skeleton.ComputeJointLocalTransforms(code))
+            joints = np.array(self.skeleton.ComputeJointLocalTransforms(code))
         return SkinPose(joints, np.zeros(0), self.rest)
 
     def posed(self, pose: SkinPose) -> Array:
         """Return (V, 3) in the skeleton's space in a given pose."""
-        moved = bind_to_pose(self._skeleton, pose.joints)
+        moved = bind_to_pose(self.skeleton, pose.joints)
         whole = np.column_stack([self.rest, np.ones(len(self.rest))])
         return np.asarray(np.einsum("vj,vr,jrc->vc", self._weights, whole, moved)[:, :3])
 
     def attributes(self) -> list[Any]:
         """Return the animated attributes of the skeleton."""
-        return animation_attributes(self._skeleton)
+        return animation_attributes(self.skeleton)
 
 
 def _make_strips(places: Array, parents: list[int]) -> tuple[Array, Array, Indices, Array]:

@@ -67,7 +67,9 @@ def open_meshes(
     if entry.get("collection") is not None:
         with problems.collecting():
             paths |= dict.fromkeys(_by_collection(scene, entry, left, place), place)
-    options = MeshOptions(entry.get("rest"), entry["subdivision"], entry.get("uv", ""))
+    options = MeshOptions(
+        entry.get("rest"), entry["subdivision"], entry.get("uv", ""), entry.get("is_driven", False)
+    )
     opened = []
     for each, at in paths.items():
         with problems.collecting():

@@ -143,6 +143,11 @@ class Skinning:
         fraction = np.where(numbers == order.index(every[joint]), weights, 0.0).sum(axis=1)
         return points[fraction > 0.5 * weights.sum(axis=1)]
 
+    @property
+    def skeleton(self) -> Any:
+        """Return the query of the skeleton whose joints move it; None of blend shapes alone."""
+        return self._skeleton if self._skinning.HasJointInfluences() else None
+
     def attributes(self) -> list[Any]:
         """Return the animated attributes of the skeleton."""
         return animation_attributes(self._skeleton)
@@ -189,12 +194,18 @@ class Skinning:
 def bind_to_pose(skeleton: Any, joints: Array) -> Array:
     """(J, 4, 4) from the bind pose of a skeleton (its query) to a pose whose joints (J, 4, 4) stand
     so in their parents' space; row vectors."""
+    binds = np.array(skeleton.GetJointWorldBindTransforms())
+    return np.asarray(np.linalg.inv(binds) @ stack_joints(skeleton, joints))
+
+
+def stack_joints(skeleton: Any, joints: Array) -> Array:
+    """(J, 4, 4) from joints of a skeleton (its query), which stand so in their parents' space, to
+    the skeleton's; row vectors."""
     found = joints.copy()
     for joint, parent in enumerate(skeleton.GetTopology().GetParentIndices()):
         if parent >= 0:
             found[joint] = found[joint] @ found[parent]
-    binds = np.array(skeleton.GetJointWorldBindTransforms())
-    return np.asarray(np.linalg.inv(binds) @ found)
+    return found
 
 
 def animation_attributes(skeleton: Any) -> list[Any]:

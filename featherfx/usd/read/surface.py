@@ -26,6 +26,7 @@ from featherfx.algebra.vectors import cross_columns, triangle_edges
 from featherfx.errors import InputError, InputWarning, Problem, as_figure
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.skin import closest
+from featherfx.shot.sources import JointTree
 from featherfx.usd.read.drawn_meshes import DrawnMesh, MatrixAt, place_mesh
 from featherfx.usd.read.mesh_topology import (
     MAX_UNTOLD_DISTANCE,
@@ -37,7 +38,12 @@ from featherfx.usd.read.mesh_topology import (
     read_topology,
     read_triangles,
 )
-from featherfx.usd.read.skinning import SkinPose, explain_stillness, find_skinning
+from featherfx.usd.read.skinning import (
+    SkinPose,
+    explain_stillness,
+    find_skinning,
+    stack_joints,
+)
 from featherfx.usd.read.stage import (
     ScenePrim,
     SourceScene,
@@ -83,12 +89,13 @@ class MeshOptions(NamedTuple):
     rest: time code of the rest pose; None: the bind pose of a skinned mesh, the default values or,
     where there are none, the first samples of any other. subdivision: whether the surface is the
     one that a renderer draws, not the cage. uv: the primvar that holds texture coordinates, empty
-    for none.
+    for none. is_driven: whether joints that stand still are moved by others.
     """
 
     rest: float | None = None
     subdivision: bool = True
     uv: str = "st"
+    is_driven: bool = False
 
 
 class Surface(ScenePrim):
@@ -276,6 +283,14 @@ class Surface(ScenePrim):
     def _posed(self, code: float) -> tuple[NDArray[Any], Array]:
         if self.knots is None or not self.knots.leads(code):
             return self._local_points(Usd.TimeCode(code)), self._matrix(Usd.TimeCode(code))
+        pose, matrix = self._pose(code)
+        return pose.points if self._skinning is None else self._skinning.posed(pose), matrix
+
+    def _pose(self, code: float) -> tuple[SkinPose, Array]:
+        """Return the pose at a time code, and the matrix from its space to the world."""
+        if self.knots is None or not self.knots.leads(code):
+            found = self._at_knot(code)
+            return SkinPose(*found[:3]), found.matrix
         stencil = self.knots.stencil(code)
         poses = [self._at_knot(time) for time in stencil.times.tolist()]
         matrix = stencil.matrix(np.stack([each.matrix for each in poses]))
@@ -284,10 +299,43 @@ class Surface(ScenePrim):
         else:
             points = stencil.points(np.stack([each.points for each in poses]))
         if self._skinning is None:
-            return points, matrix
+            return SkinPose(_NO_JOINTS.joints, _NO_JOINTS.weights, points), matrix
         joints = stencil.map(self._joints(stencil, poses))
         weights = stencil.value(np.stack([each.weights for each in poses]))
-        return self._skinning.posed(SkinPose(joints, weights, points)), matrix
+        return SkinPose(joints, weights, points), matrix
+
+    @property
+    def joint_tree(self) -> JointTree | None:
+        """Return the joints that move it; None where none do."""
+        query = None if self._skinning is None else self._skinning.skeleton
+        if query is None:
+            return None
+        parents = np.array(query.GetTopology().GetParentIndices(), dtype=np.int64)
+        names = tuple(str(each) for each in query.GetJointOrder())
+        return JointTree(str(self._skinning.space.GetPath()), names, parents)
+
+    def joint_matrices(self, code: float | None) -> Array:
+        """Return (J + 1, 4, 4) from joints, and at last from the skeleton, to the world at a time
+        code; None: at rest."""
+        query = self._skinning.skeleton
+        if code is None and self._rest_code.IsDefault():
+            own = np.array(query.GetJointWorldBindTransforms())
+            matrix = self._matrix(self._rest_code)
+        else:
+            with self._lock:
+                pose, matrix = self._pose(self._rest_code.GetValue() if code is None else code)
+            own = stack_joints(query, pose.joints)
+        return np.concatenate([own @ matrix, matrix[None]])
+
+    def posed_points(self, code: float, joints: Array) -> Array:
+        """Return (V, 3) m, all points at a time code with joints (J + 1, 4, 4) in the world as of
+        joint_matrices."""
+        parents = np.array(self._skinning.skeleton.GetTopology().GetParentIndices())
+        own = joints[:-1] @ np.linalg.inv(joints[parents])
+        with self._lock:
+            pose, _ = self._pose(code)
+        local = self._skinning.posed(pose._replace(joints=own))
+        return transform_points(local if self.limit is None else self.limit.move(local), joints[-1])
 
     def _joints(self, stencil: Stencil, poses: list[_KnotPose]) -> Maps:
         """Those at the knots about a time; the last are kept."""
@@ -413,7 +461,7 @@ def open_drawn(scene: SourceScene, drawn: DrawnMesh, options: MeshOptions, place
     if len(opened.triangles) == 0:
         place.refuse(path.format("", "no face has any area. Name a mesh with faces"))
     idle = explain_stillness(prim)
-    if idle and opened.is_still():
+    if idle and not options.is_driven and opened.is_still():
         opened.idle = idle
         warnings.warn(f"{scene.path}: {prim.GetPath()}: {idle}", InputWarning, stacklevel=2)
     return opened

@@ -1,0 +1,245 @@
+"""Acts that drive the joints of a skin's skeleton: skin, layer and feathers move as one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
+
+import featherfx
+from featherfx.errors import InputError
+from featherfx.groom.read.read import read_groom
+from featherfx.shot.motion.joint_tracks import find_tracks
+from featherfx.shot.motion.motion import root_motion
+from featherfx.usd.read.cache import Cache
+from featherfx.usd.read.scenery import find_scenery
+
+GROOM = """
+name = "bird"
+[[wing]]
+id = "right_wing"
+type = "pigeon"
+shoulder = [0.03, -0.03, 0.03]
+fold = 0
+mirror = "y"
+[[feather]]
+id = "breast"
+kind = "contour"
+position = [0.02, 0, 0.05]
+direction = [-1, 0, 0.2]
+up = [0, 0, 1]
+"""
+ON_ARM = """
+[[feather]]
+id = "on_arm"
+kind = "contour"
+position = [{}, {}, {}]
+direction = [-1, 0, 0.2]
+up = [0, 0, 1]
+"""
+TURN, WAY, FLEXED = (0.0, -30.0, 10.0), (0.2, 0.1, 0.4), (20.0, 0.0, 35.0)
+SHOT = f"""
+name = "s"
+groom = "groom.toml"
+frames = [1, 7]
+quality = "draft"
+[skin]
+usd = "body.usda"
+prim = "/bird/body"
+tolerance = 1
+[[detail]]
+level = "rigid"
+[[collider]]
+usd = "body.usda"
+prims = ["/bird/body"]
+[motion]
+kind = "act"
+body = "act"
+[motion.joints]
+right_wing_shoulder = "arm"
+right_wing_elbow = "root/arm/fore"
+right_wing_wrist = "hand"
+[[motion.motions]]
+kind = "keys"
+keyframes = [
+  {{ time = 0, rotation = [0, 0, 0], position = [0, 0, 0] }},
+  {{ time = 0.25, rotation = {list(TURN)}, position = {list(WAY)} }},
+]
+[[motion.motions]]
+kind = "keys"
+keyframes = [
+  {{ time = 0, joint = "right_wing_shoulder", rotation = [0, 0, 0] }},
+  {{ time = 0.25, joint = "right_wing_shoulder", rotation = {list(FLEXED)} }},
+]
+[[motion.motions]]
+kind = "fold"
+joints = "*_wing_*"
+folds = [{{ time = 0, fold = 0 }}, {{ time = 0.25, fold = 0.5 }}]
+"""
+JOINTS = ("root", "root/arm", "root/arm/fore", "root/arm/fore/hand", "root/arm/fore/hand/tip")
+BONES = ("right_wing_shoulder", "right_wing_elbow", "right_wing_wrist")
+CUBE = 0.05 * np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+FACES = np.array([0, 1, 3, 2, 4, 6, 7, 5, 0, 4, 5, 1, 2, 3, 7, 6, 0, 2, 6, 4, 1, 5, 7, 3])
+WALK = np.array((0.01, 0.0, 0.004))  # m a frame
+
+
+def y_up(points, unit):
+    return points[..., [0, 2, 1]] * (1, 1, -1) / unit
+
+
+def write_body(folder, unit=0.01):
+    """A bird of cubes, one a bone, whose body walks by its skeleton; return their rest points."""
+    (folder / "groom.toml").write_text(GROOM)
+    joints = {
+        each.name: np.asarray(each.position) for each in read_groom(folder / "groom.toml").joints
+    }
+    places = np.array([(0, 0, 0), *(joints[name] for name in BONES)])
+    places = np.vstack([places, places[-1] + (0.0, -0.1, 0.0)])
+    (folder / "groom.toml").write_text(GROOM + ON_ARM.format(*(places[1] + (0.0, 0.0, 0.012))))
+    cubes = [CUBE, *(0.2 * CUBE + each for each in places[1:])]
+    stage = Usd.Stage.CreateNew(str(folder / "body.usda"))
+    stage.SetMetadata("metersPerUnit", unit)
+    UsdGeom.SetStageUpAxis(stage, "Y")
+    stage.SetDefaultPrim(UsdSkel.Root.Define(stage, "/bird").GetPrim())
+    mesh = UsdGeom.Mesh.Define(stage, "/bird/body")
+    mesh.CreateFaceVertexCountsAttr([4] * 30)
+    indices = np.concatenate([FACES + 8 * k for k in range(5)])
+    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(indices.astype(np.int32)))
+    mesh.CreateSubdivisionSchemeAttr("none")
+    points = y_up(np.concatenate(cubes), unit)
+    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.float32(points)))
+    skeleton = UsdSkel.Skeleton.Define(stage, "/bird/skeleton")
+    skeleton.CreateJointsAttr(JOINTS)
+    steps = y_up(np.diff(places, axis=0, prepend=0.0), unit)
+    for make, at in (
+        (skeleton.CreateBindTransformsAttr, y_up(places, unit)),
+        (skeleton.CreateRestTransformsAttr, steps),
+    ):
+        make([Gf.Matrix4d().SetTranslate(Gf.Vec3d(*each.tolist())) for each in at])
+    walk = UsdSkel.Animation.Define(stage, "/bird/walk")
+    walk.CreateJointsAttr(JOINTS)
+    walk.CreateScalesAttr([Gf.Vec3h(1.0)] * 5)
+    walk.CreateRotationsAttr([Gf.Quatf(1.0)] * 5)
+    for code in range(1, 8):
+        moved = steps + y_up(WALK, unit) * code * np.array([(1,), (0,), (0,), (0,), (0,)])
+        walk.CreateTranslationsAttr().Set(Vt.Vec3fArray.FromNumpy(np.float32(moved)), code)
+    binding = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
+    binding.CreateSkeletonRel().SetTargets(["/bird/skeleton"])
+    binding.CreateJointIndicesPrimvar(False, 1).Set([k for k in range(5) for _ in range(8)])
+    binding.CreateJointWeightsPrimvar(False, 1).Set([1.0] * 40)
+    source = UsdSkel.BindingAPI.Apply(skeleton.GetPrim()).CreateAnimationSourceRel()
+    source.SetTargets(["/bird/walk"])
+    stage.Save()
+    return np.concatenate(cubes)
+
+
+@pytest.fixture
+def shot(tmp_path):
+    (tmp_path / "shot.toml").write_text(SHOT)
+    return tmp_path / "shot.toml"
+
+
+def skinned(path, code, unit=0.01):
+    """(V, 3) m of the body of a layer, by USD's own skinning."""
+    stage = Usd.Stage.Open(str(path))
+    cache, root = UsdSkel.Cache(), UsdSkel.Root(stage.GetPrimAtPath("/bird"))
+    cache.Populate(root, Usd.PrimDefaultPredicate)
+    mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/bird/body"))
+    skeleton = cache.GetSkelQuery(UsdSkel.Skeleton(stage.GetPrimAtPath("/bird/skeleton")))
+    points = Vt.Vec3fArray(mesh.GetPointsAttr().Get())
+    transforms = skeleton.ComputeSkinningTransforms(code)
+    assert cache.GetSkinningQuery(mesh.GetPrim()).ComputeSkinnedPoints(transforms, points, code)
+    matrix = np.array(UsdGeom.Xformable(root).ComputeLocalToWorldTransform(code))
+    found = np.array(points) @ matrix[:3, :3] + matrix[3, :3]
+    return unit * found[:, [0, 2, 1]] * (1, -1, 1)
+
+
+def rigid(before, after):
+    """Turn and way that take points (N, 3) to others."""
+    middle, other = before.mean(axis=0), after.mean(axis=0)
+    left, _, right = np.linalg.svd((before - middle).T @ (after - other))
+    turn = (left @ np.diag((1, 1, np.linalg.det(left @ right))) @ right).T
+    return turn, other - turn @ middle
+
+
+@pytest.mark.parametrize("body", ["act", "skin"])
+def test_skin_layer_and_feathers_move_as_one(shot, tmp_path, body):
+    rest = write_body(tmp_path)
+    given = (tmp_path / "body.usda").read_bytes()
+    shot.write_text(SHOT.replace('body = "act"', f'body = "{body}"'))
+    read = featherfx.read_shot(shot)
+    cache = featherfx.bake(read, tmp_path / "out.usdc", subframes=2)
+    assert featherfx.check(cache.path) == []
+    assert (tmp_path / "body.usda").read_bytes() == given
+    layer, motion = tmp_path / "out.body.usda", root_motion(read)
+    bare_shot = replace(read, skin=None, surfaces=None)
+    bare, tracks = root_motion(bare_shot), find_tracks(bare_shot)
+    for code in (1.0, 4.5, 7.0):
+        points = skinned(layer, code).reshape(5, 8, 3)
+        (drawn,) = find_scenery(Cache(cache.path).scenery, cache.path, ["skin"], "drawn")
+        assert drawn.scene.path == layer
+        np.testing.assert_allclose(drawn.points(code).reshape(5, 8, 3), points, atol=1e-6)
+        carriers = [rigid(*each) for each in zip(rest.reshape(5, 8, 3), points, strict=True)]
+        time = (code - 1.0) / 24.0
+        np.testing.assert_allclose(
+            read.colliders[0].points(time).reshape(5, 8, 3), points, atol=1e-6
+        )
+        found, alone = motion.frames(time), bare.frames(time)
+        pose = tracks.rotations[round(8 * (code - 1))], tracks.positions[round(8 * (code - 1))]
+        turn, way = pose[0][0], pose[1][0]
+        # from where the act has the groom to where it has a body that has walked on
+        back = np.eye(3) if body == "act" else turn.T
+        walked = turn @ WALK if body == "act" else WALK * code - turn.T @ way
+        for bone, name in enumerate(("", *BONES)):
+            joint = tracks.names.index(name)
+            np.testing.assert_allclose(carriers[bone][0], back @ pose[0][joint], atol=1e-5)
+            there = back @ pose[1][joint] + walked
+            np.testing.assert_allclose(points[bone].mean(axis=0), there, atol=1e-6)
+        for k, feather in enumerate(read.groom.feathers):
+            if feather.id.startswith("right"):
+                place, frame = back @ alone.positions[k] + walked, back @ alone.rotations[k]
+            elif feather.id in ("breast", "on_arm"):
+                carried, shift = carriers[("breast", "on_arm").index(feather.id)]
+                place, frame = carried @ feather.position + shift, carried @ feather.rotation
+            else:
+                continue
+            np.testing.assert_allclose(found.positions[k], place, atol=2e-6)
+            np.testing.assert_allclose(found.rotations[k], frame, atol=2e-5)
+    assert np.linalg.norm(carriers[1][0] - carriers[0][0]) > 0.3
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "message"),
+    [
+        ('= "hand"', '= "hnd"', r"joints.right_wing_wrist: no joint 'hnd' in /bird/skeleton.*hand"),
+        (
+            "right_wing_wrist =",
+            "right_wing_wrst =",
+            r"no joint 'right_wing_wrst' in the groom.*right_wing_wrist",
+        ),
+        (
+            '= "hand"',
+            '= "arm"',
+            r"right_wing_wrist: 'arm' is driven by 'right_wing_shoulder' already",
+        ),
+        (
+            'prim = "/bird/body"',
+            'prim = "/bird/still"',
+            r"motion.joints: drives the skeleton of a \[skin\]",
+        ),
+    ],
+)
+def test_a_map_of_joints_that_cannot_be(shot, tmp_path, before, after, message):
+    write_body(tmp_path)
+    stage = Usd.Stage.Open(str(tmp_path / "body.usda"))
+    still = UsdGeom.Mesh.Define(stage, "/bird/still")
+    still.CreatePointsAttr([Gf.Vec3f(*each) for each in CUBE.tolist()])
+    still.CreateFaceVertexCountsAttr([4] * 6)
+    still.CreateFaceVertexIndicesAttr(FACES.tolist())
+    stage.Save()
+    shot.write_text(SHOT.replace(before, after))
+    with pytest.raises(InputError, match=message) as told:
+        featherfx.read_shot(shot)
+    assert len(told.value.problems) == 1
