@@ -148,11 +148,8 @@ def carry_out(task: BakeTask, notify: Callable[[int, int], None]) -> dict[str, A
             from featherfx.baking.frame_loop import simulate_and_write
 
         done, figures = simulate_and_write(task, notify)
-    if task.shot.motion.moves_skin and task.shot.skin is not None:
-        from featherfx.usd.write.body import write_bodies
-
-        if bodies := write_bodies(task.shot, task.path, task.frames, task.options.subframes):
-            figures["bodies"] = [str(each) for each in bodies]
+    if task.bodies:
+        figures["bodies"] = write_bodies(task)
     stepped = figures.pop("stepped", ())
     judged = usd.judge.judge_cache(task.path, stepped, _MAX_SKIN_FRAMES)
     if "contact" in figures:
@@ -177,6 +174,16 @@ def carry_out(task: BakeTask, notify: Callable[[int, int], None]) -> dict[str, A
         "time": _time(task.shot, first),
         **figures,
     }
+
+
+def write_bodies(task: BakeTask) -> list[str]:
+    """Write the layers of the bodies that a task's act moves, and return their paths."""
+    from featherfx.usd.write import body
+
+    written = body.write_bodies(
+        task.bodies, task.shot, task.frames, task.options.subframes, bool(task.options.feathers)
+    )
+    return [str(each) for each in written]
 
 
 def _time(shot: Shot, first: int) -> dict[str, float]:

@@ -36,6 +36,7 @@ from featherfx.usd.write.options import BOTH_FORMS, CONDENSED_FORM, CURVES_FORM
 if TYPE_CHECKING:
     from featherfx.feather.colours import FeatherColours
     from featherfx.shot.skin import BoundSkin
+    from featherfx.usd.write.body import Bodies
 
 # bytes of a mesh point and of a barb, measured: while one feather is built, of a feather and of its
 # map from the simulated grid, which feathers of one shape share, and of its poses on their way
@@ -292,16 +293,15 @@ def metadata_of(groom: Groom, quality: Quality) -> dict[str, Any]:
     )
 
 
-def scenery_of(shot: Shot, path: Path) -> dict[str, Any]:
-    """Return metadata of a cache at a path about skin and colliders of its shot, for images."""
+def scenery_of(shot: Shot, path: Path, bodies: Bodies) -> dict[str, Any]:
+    """Return metadata of a cache at a path about skin and colliders of its shot, for images.
+
+    bodies: of BakeTask.
+    """
     skin = () if shot.skin is None else shot.skin.parts
     found = [("skin", part.surface, shot.skin.clock) for part in skin if shot.skin is not None]
     found += [("collider", each.surface, each.clock) for each in shot.colliders]
-    bodies = {}
-    if shot.motion.moves_skin and shot.skin is not None:
-        from featherfx.usd.write.body import list_bodies
-
-        bodies = {each[0].file: file for file, each in list_bodies(shot, path).items()}
+    layers = {each[0].file: file for file, each in bodies.items()}
     # a collider may be the skin, too
     known = {(each[1].file, each[1].path): each for each in reversed(found)}
     return _told_scenery(
@@ -309,7 +309,7 @@ def scenery_of(shot: Shot, path: Path) -> dict[str, Any]:
             _scenery(
                 path,
                 role,
-                bodies.get(surface.file, surface.file) if role == "skin" else surface.file,
+                layers.get(surface.file, surface.file),
                 surface.path,
                 surface.variant_sets,
             )

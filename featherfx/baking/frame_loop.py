@@ -139,7 +139,7 @@ def new_writer(task: BakeTask) -> CacheWriter:
         shot.frames_per_second,
         task.options,
         metadata=metadata_of(shot.groom, quality)
-        | scenery_of(shot, task.path)
+        | scenery_of(shot, task.path, task.bodies)
         | {"shot": shot.name, "settings": task.settings},
         place=CachePlace(
             task.root,

@@ -6,7 +6,7 @@ import json
 import re
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -47,6 +47,7 @@ from featherfx.usd.write.unfinished_cache import refuse_unfinished
 
 if TYPE_CHECKING:
     from featherfx.shot.skin import BoundSkin
+    from featherfx.usd.write.body import Bodies
     from featherfx.usd.write.previous_cache import PreviousCache
 
 # of the shortest feather, what single precision may miss of a point
@@ -94,6 +95,7 @@ class BakeTask:
     origin: position of the root prim. options: with the final units and axis. dependences: texts of
     its feathers (featherfx/shot/partition/dependence.py); None for a trial, which keeps nothing.
     frames_each: frames of a chunk, where it must be another cache's; else the writer's choice.
+    bodies: that an act moves, by the files of their layers: those of all partitions are the same.
     """
 
     shot: Shot
@@ -110,6 +112,7 @@ class BakeTask:
     origin: tuple[float, float, float]
     dependences: Dependences | None
     frames_each: int | None = None
+    bodies: Bodies = field(default_factory=dict)
 
     @property
     def samples(self) -> int:
@@ -125,10 +128,12 @@ def prepare(given: str | Path | Shot, output: str | Path | None, options: BakeOp
     refuse_unfit_usd()
     shot, target, path = _checked(given, output, options)
     name = str(shot.source)
+    bodies: Bodies = {}
     if shot.motion.moves_skin and shot.skin is not None:
-        from featherfx.usd.write.body import check_bodies
+        from featherfx.usd.write.body import check_bodies, list_bodies
 
-        check_bodies(shot, path, options.overwrite or options.resume)
+        bodies = list_bodies(shot, target if options.feathers else path)
+        check_bodies(bodies, options.overwrite or options.resume, options.feathers is not None)
     first, last = options.frames or (shot.first_frame, shot.last_frame)
     frames = first - shot.handles, last + shot.handles
     every = unique_prim_names([p.id for p in shot.groom.feathers])
@@ -158,6 +163,7 @@ def prepare(given: str | Path | Shot, output: str | Path | None, options: BakeOp
         taken=None,
         origin=origin,
         dependences=Dependences(shot, numbers),
+        bodies=bodies,
     )
 
 

@@ -23,7 +23,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from featherfx.baking.bake import carry_out, open_task
 from featherfx.baking.entries import drawn_entries
@@ -41,6 +41,9 @@ from featherfx.usd.write.cache_writer import chunk_frames
 from featherfx.usd.write.output import USD_SUFFIXES
 from featherfx.usd.write.poses import make_posed_feathers
 from featherfx.usd.write.unfinished_cache import remove_cache
+
+if TYPE_CHECKING:
+    from featherfx.usd.write.body import Bodies
 
 # of a worker: FROM=TO for paths of the machine that gives the work, with os.pathsep between
 _PATHS_VARIABLE = "FEATHERFX_PATHS"
@@ -254,7 +257,7 @@ def _bake(order: Order, notify: Callable[[int, int], None]) -> dict[str, Any]:
     task = _prepared(order, output, **changed)
     if order.shares > 1:
         # as merging takes over whole chunks
-        task = replace(task, frames_each=order.chunk)
+        task = replace(task, frames_each=order.chunk, bodies=_whole_bodies(task, order))
     if order.options["overwrite"] and order.shares == 1:
         task = replace(task, finished=False, taken=None)
     return carry_out(task, notify)
@@ -273,6 +276,11 @@ def _merge(order: Order, notify: Callable[[int, int], None]) -> dict[str, Any]:
         pieces = [own.piece((number, order.pieces)) for number in range(1, order.pieces + 1)]
         merge(task, files, notify, pieces)
     return {}
+
+
+def _whole_bodies(task: BakeTask, order: Order) -> Bodies:
+    """Bodies of a share, whose layers stand beside the cache of the whole."""
+    return {Path(order.output).with_name(each.name): own for each, own in task.bodies.items()}
 
 
 _WORK = {PLAN: _look, BAKE: _bake, MERGE: _merge}

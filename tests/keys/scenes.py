@@ -1016,7 +1016,6 @@ ELSEWHERE = {
     "shot.target.frame": "tests/shot/test_targets.py",
     "shot.level_of_detail": "tests/shot/test_levels.py",
     "motion.body": "tests/shot/test_body.py",
-    "motion.joints": "tests/shot/test_driven_joints.py",
     "motion.cites": "tests/shot/test_wing_beat.py",
     "motion.span_ratio": "tests/shot/test_wing_beat.py",
     "motion.by_eye": "tests/shot/test_wing_beat.py",

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from farm.farm_cases import SerialEngine, options_of
 from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
 
 import featherfx
 from featherfx.algebra.rotation import from_angles
+from featherfx.baking import pipeline
 from featherfx.errors import InputError
+from featherfx.farm.job import Job
 from featherfx.shot.motion.motion import root_motion
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.scenery import find_scenery
@@ -157,3 +160,37 @@ def test_the_body_of_a_take_off_leaves_the_ground(shot, tmp_path):
     assert (end[:, 2] - start[:, 2]).min() > 0.3
     spread = [np.linalg.norm(each - each.mean(axis=0), axis=1).max() for each in (start, end)]
     assert spread[1] < 3.0 * spread[0]
+
+
+def test_shares_of_a_bake_have_one_layer_between_them(shot, tmp_path):
+    write_body(tmp_path / "body.usda", "still")
+    featherfx.bake(shot, tmp_path / "whole.usdc")
+    for k in (2, 1):
+        featherfx.bake(shot, tmp_path / "out.usdc", feathers=(k, 2))
+    pipeline.join(tmp_path / "out.usdc", 2)
+    names = [each.name for each in sorted(tmp_path.glob("*.body*.usda"))]
+    assert names == ["out.body.usda", "whole.body.usda"]
+    texts = [(tmp_path / each).read_text() for each in names]
+    assert texts[0] == texts[1]
+    (body,) = find_scenery(
+        Cache(tmp_path / "out.usdc").scenery, tmp_path / "out.usdc", ["skin"], "drawn"
+    )
+    assert body.scene.path == tmp_path / "out.body.usda"
+    with pytest.raises(InputError, match=r"out\.body\.usda"):
+        featherfx.bake(shot, tmp_path / "out.usda")
+    (tmp_path / "out.body.usda").write_text("mine")
+    with pytest.raises(InputError, match=r"out\.body\.usda"):
+        featherfx.bake(shot, tmp_path / "out.usda", feathers=(1, 2))
+
+
+def test_a_job_leaves_the_layer_beside_its_cache_alone(shot, tmp_path):
+    write_body(tmp_path / "body.usda", "still")
+    featherfx.bake(shot, tmp_path / "whole.usdc")
+    options = options_of(chunk=3, layout="flat")
+    out = tmp_path / "out"
+    out.mkdir()
+    told = Job([shot], [out / "out.usdc"], options, SerialEngine(), 3, lambda *_: None).run()
+    assert told
+    assert sorted(each.name for each in out.iterdir()) == ["out.body.usda", "out.usdc"]
+    find = find_scenery(Cache(out / "out.usdc").scenery, out / "out.usdc", ["skin"], "drawn")
+    assert next(iter(find)).scene.path == out / "out.body.usda"

@@ -7,8 +7,9 @@ first frame. Skeletons whose joints the act drives are bound to an animation of 
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -20,17 +21,20 @@ from featherfx.files.atomic_write import standing
 from featherfx.shot.motion.body import BodySurface
 from featherfx.shot.types import Shot
 from featherfx.usd.read.opening import open_stage
-from featherfx.usd.types import StageSpace
+from featherfx.usd.read.values import USD_ERRORS
+from featherfx.usd.types import OutputError, StageSpace
 from featherfx.usd.write.layers import publish
 from featherfx.usd.write.output import check_output, refuse_inputs
 
+# surfaces that an act moves, by the file of the layer that shows them
+Bodies = Mapping[Path, Sequence[BodySurface]]
 # attributes of an animation, in the order in which USD takes transforms apart
 _ANIMATED = {"translations": "Float3Array", "rotations": "QuatfArray", "scales": "Half3Array"}
 _OP = "xformOp:transform:act"
 _METADATA = ("metersPerUnit", "upAxis", "timeCodesPerSecond", "framesPerSecond", "defaultPrim")
 
 
-def list_bodies(shot: Shot, output: Path) -> dict[Path, list[BodySurface]]:
+def list_bodies(shot: Shot, output: Path) -> Bodies:
     """Return the bodies that the act of a shot moves, by the files of their layers beside a
     cache."""
     parts = () if shot.skin is None else shot.skin.parts
@@ -44,27 +48,43 @@ def list_bodies(shot: Shot, output: Path) -> dict[Path, list[BodySurface]]:
     return {output.with_name(name): each for name, each in zip(names, found, strict=True)}
 
 
-def check_bodies(shot: Shot, output: Path, overwrite: bool) -> None:
-    """Raise InputError where layers of bodies are there already, or are a file of the skin."""
-    for path, bodies in list_bodies(shot, output).items():
-        refuse_inputs([path], [bodies[0].file])
-        check_output(path, overwrite)
+def check_bodies(bodies: Bodies, overwrite: bool, is_share: bool) -> None:
+    """Raise InputError where layers of bodies are there already, or are a file of the skin.
+
+    is_share: another share of the bake may have written them.
+    """
+    for path, own in bodies.items():
+        refuse_inputs([path], [own[0].file])
+        check_output(path, overwrite or (is_share and _is_body(path)))
 
 
-def write_bodies(shot: Shot, output: Path, frames: tuple[int, int], subframes: int) -> list[Path]:
+def _is_body(path: Path) -> bool:
+    with contextlib.suppress(*USD_ERRORS):
+        layer = Sdf.Layer.OpenAsAnonymous(str(path), metadataOnly=True)
+        return bool(layer) and "body" in layer.customLayerData.get("featherfx", {})
+    return False
+
+
+def write_bodies(
+    bodies: Bodies, shot: Shot, frames: tuple[int, int], subframes: int, is_share: bool
+) -> list[Path]:
     """Write the layers of the bodies of a shot beside a cache, and return their paths.
 
-    subframes: samples a frame. Raises OutputError where one cannot be written.
+    subframes: samples a frame. is_share: all shares of a bake write the same, and any may come
+    first. Raises OutputError where one cannot be written.
     """
-    found = list_bodies(shot, output)
     assert shot.skin is not None
     count = (frames[1] - frames[0]) * subframes + 1
     start, rate = shot.time_of(frames[0]), shot.frames_per_second * subframes
     codes = [shot.skin.clock.code(start + k / rate) for k in range(count)]
-    for path, bodies in found.items():
-        layer = _make_layer(bodies, path, codes, shot.skin.clock.start)
-        publish([(layer, path)], {path: standing(path)})
-    return list(found)
+    for path, own in bodies.items():
+        layer = _make_layer(own, path, codes, shot.skin.clock.start)
+        try:
+            publish([(layer, path)], {path: standing(path)})
+        except OutputError:
+            if not (is_share and _is_body(path)):
+                raise
+    return list(bodies)
 
 
 def _make_layer(
@@ -78,6 +98,7 @@ def _make_layer(
     for name in _METADATA:
         if source.pseudoRoot.HasInfo(name):
             layer.pseudoRoot.SetInfo(name, source.pseudoRoot.GetInfo(name))
+    layer.customLayerData = {"featherfx": {"body": body.path}}
     layer.startTimeCode, layer.endTimeCode = codes[0], codes[-1]
     if body.body_path is not None:
         _carry_model(layer, stage, body, codes, start)
