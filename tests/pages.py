@@ -6,6 +6,7 @@ Code blocks are no words; tables are words and no sentences. What a command wrot
 whole pages (GENERATED), and what stands between `<!-- made by: COMMAND -->` and `<!-- end -->`.
 """
 
+import json
 import math
 import re
 import sys
@@ -42,6 +43,8 @@ MAX_IMAGE = 1_000_000  # bytes
 SHOWN = ("Start", "How-to")
 # names in reports and pages, which keys had, too
 MEASURES = {"overlap", "parts", "body"}
+# feathers of each species by region, as `python -m tests.bird_counts` counts them
+BIRD_COUNTS = json.loads((ROOT / "presets/bird/counts.json").read_text(encoding="utf-8"))
 # what a page may have, in words; each other one has the last
 BUDGETS = {"README.md": 400, "usd.md": 1_700, "glossary.md": 600}
 MAX_HOW_TO, MAX_PAGE = 900, 1_500
@@ -130,6 +133,19 @@ def unknown_names(page: Page, known: str) -> list[str]:
     return sorted(unknown - FOREIGN)
 
 
+def made_blocks(text: str) -> list[tuple[str, str]]:
+    """Return the commands that made parts of a page, and these parts."""
+    return re.findall(r"^<!-- made by: (.*?) -->\n(.*?)^<!-- end -->", text, re.S | re.M)
+
+
+def typed_figures(text: str) -> list[str]:
+    """Return rows of tables with measured figures that no command made."""
+    typed = re.sub(r"^<!-- made by:.*?^<!-- end -->", "", text, flags=re.S | re.M)
+    rows = [line for line in typed.splitlines() if line.startswith("|")]
+    figures = re.compile(r"\|[^|`]*\d\.\d[^|`a-z]*(?=\|)")
+    return [row for row in rows if len(figures.findall(row)) > 1]
+
+
 def faults(page: Page, known: str) -> list[str]:
     """Return what is wrong with a page, a line each."""
     found = [f"leads nowhere: {link}" for link in broken_links(page)]
@@ -145,6 +161,11 @@ def faults(page: Page, known: str) -> list[str]:
     prose = "\n".join(page.sentences)
     if name not in EVIDENCE:
         found += [f"a date: {date}" for date in re.findall(r"\b20\d\d-\d\d-\d\d\b", prose)]
+        if "decisions" not in page.name:
+            found += [f"figures that no command made: {row}" for row in typed_figures(page.text)]
+    counts = {f"{sum(each.values()):,}" for each in BIRD_COUNTS.values()}
+    told = set(re.findall(r"\b(\d+,\d{3})\s+feathers", page.text))
+    found += [f"no bird has {count} feathers" for count in sorted(told - counts)]
     if name != "dcc.md":  # names of other programs
         found += [f"does not exist: {name}" for name in unknown_names(page, known)]
     return found + [f"wrong term: {term}" for term in re.findall(AVOIDED, prose)]

@@ -16,6 +16,7 @@ import numpy as np
 import pages as pages_of_docs
 import pytest
 from click import UsageError
+from click.testing import CliRunner
 from page_runs import pages_with_commands
 from pages import (
     best_pages,
@@ -23,6 +24,7 @@ from pages import (
     describe_commands,
     faults,
     faults_of_all,
+    made_blocks,
     pages,
     read_page,
 )
@@ -148,6 +150,20 @@ def test_the_page_of_commands_is_what_help_prints():
     assert page == describe_commands(), "run python -m tests.pages commands"
 
 
+@pytest.mark.parametrize(
+    ("command", "shown"),
+    [
+        pytest.param(command, shown, id=command)
+        for page in pages()
+        for command, shown in made_blocks(page.text)
+        if command != "featherfx lab measure house"  # changes with each line of code
+    ],
+)
+def test_tables_are_what_their_commands_print(command, shown):
+    result = CliRunner().invoke(main, shlex.split(command)[1:])
+    assert result.stdout.strip() == shown.strip()
+
+
 def test_pages_that_take_longer_or_show_nothing_are_noticed():
     every = [replace(page, words=2_000, text="") for page in pages()]
     found = faults_of_all(every)
@@ -172,6 +188,8 @@ def test_each_image_has_a_recipe_whose_inputs_are_there():
         ("On 2026-11-20 it was so.", "a date"),
         ("A laid coat has sub-steps.", "wrong term: laid coat"),
         ("`vary` makes it lighter.", "does not exist: vary"),
+        ("A pigeon has 2,182 feathers.", "no bird has 2,182 feathers"),
+        ("| size | 0.31 | 21.3 |", "figures that no command made"),
         ("Set `no_such_key`, or give `--no-such-option`.", "does not exist: --no-such-option"),
     ],
 )

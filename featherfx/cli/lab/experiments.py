@@ -63,7 +63,18 @@ from featherfx.lab.vane.mesoscale import (
 )
 from featherfx.lab.vane.traction import LockingTest, Traction, run_locking, run_traction
 
-_FILE = click.Path(path_type=Path, dir_okay=False)
+
+class _NewFile(click.Path):
+    """A file that a command writes, and that is not there yet."""
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        path = super().convert(value, param, ctx)
+        if Path(path).exists():
+            self.fail(f"{path} exists already. Choose another name", param, ctx)
+        return path
+
+
+_FILE = _NewFile(path_type=Path, dir_okay=False)
 _PRESETS = presets_option(click.Command("")).params[0]
 _PICTURE = click.Option(
     ["-o", "--output"], type=_FILE, help="Picture (PNG); needs matplotlib, the extra `plots`."
