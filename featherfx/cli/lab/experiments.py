@@ -68,10 +68,9 @@ class _NewFile(click.Path):
     """A file that a command writes, and that is not there yet."""
 
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        path = super().convert(value, param, ctx)
-        if Path(path).exists():
-            self.fail(f"{path} exists already. Choose another name", param, ctx)
-        return path
+        if Path(value).exists():
+            self.fail(f"{value} exists already. Choose another name", param, ctx)
+        return super().convert(value, param, ctx)
 
 
 _FILE = _NewFile(path_type=Path, dir_okay=False)
