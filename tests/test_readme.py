@@ -21,6 +21,10 @@ def test_both_commands_are_one_line_and_start_from_nothing():
 def test_first_command_bakes_a_sample_that_exists():
     shot = re.search(r"featherfx bake (\S+)", commands()[0])[1]
     assert (ROOT / shot).is_file()
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert text.partition("## Two commands")[2].partition("```sh\n")[2].startswith(commands()[0])
+    assert "-o pigeon.usdc && " in commands()[0]
+    assert re.search(r"view pigeon\.usdc --html pigeon\.html\b", commands()[0])
 
 
 def test_continuous_integration_runs_the_second_command_as_written():

@@ -70,9 +70,10 @@ def _rest_drift(feather: Feather, kind: FeatherKind, coefficients: int) -> float
 def _time_error(path: Path) -> float:
     """Return the largest distance from a run with a 50th of the tolerance, in feather lengths."""
     shot = read_shot(path)
-    tolerance, worst = shot.quality.tolerance, 0.0
-    fine = replace(shot.quality, tolerance=tolerance and 0.02 * tolerance)
-    for one, other in zip(simulate(shot), simulate(replace(shot, quality=fine)), strict=True):
+    run, worst = simulate(shot), 0.0
+    tolerance = 0.02 * min(each.tolerance for each in run.options)
+    fine = replace(shot, quality=replace(shot.quality, tolerance=tolerance))
+    for one, other in zip(run, simulate(fine), strict=True):
         for placement, a, b in zip(shot.groom.feathers, one.rows, other.rows, strict=True):
             distance = np.linalg.norm(np.delete(a - b, (1, 2), axis=1), axis=2).max()
             worst = max(worst, float(distance) / placement.kind.length)
