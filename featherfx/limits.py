@@ -38,6 +38,7 @@ MAX_SHARES = 10_000  # of the feathers of a bake
 TASK_HOURS = 24.0  # after which a scheduler stops a task of a plan, where none are given
 MAX_SHEET = 400  # pictures on a contact sheet
 MAX_SIDE = 8192  # pixels of a side of a picture
+MAX_RATE = 50  # pictures a second of a film; browsers show none shorter of a GIF
 MIN_LARGE_OUTPUT = 5e8  # bytes of a cache whose size is told before the work
 _SMALLER = "--as condensed or --velocities half"
 MAX_KEPT_BYTES = 2e9  # of layouts, models and the like in the cache folder (files/disk_cache.py)

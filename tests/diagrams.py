@@ -142,8 +142,9 @@ def draw_grid(axes: plt.Axes) -> None:
 
 def draw_keys(figure: plt.Figure) -> None:
     """Draw a strip of feathers for each of some keys of a preset."""
-    figure.set_size_inches(9, 1.15 * len(KEYS))
+    figure.set_size_inches(9, 1.5 * len(KEYS))
     panels = figure.subplots(len(KEYS), 3)
+    figure.subplots_adjust(0.01, 0.0, 0.99, 0.97, wspace=0.02, hspace=0.2)
     outline = kind_of_text('base = "swan_primary"\n').trailing.outline
     for strip, (key, values, view) in zip(panels, KEYS, strict=True):
         side, _, last = key.rpartition(".")
@@ -157,7 +158,7 @@ def draw_keys(figure: plt.Figure) -> None:
                 written = f"{side} = [{{ position = 0, {guide} }}, {{ position = 1, {guide} }}]"
             draw_barbs(axes, build_swan(written), view)
             axes.set_title(f"{key} {value}" + " times as wide" * (last == "outline"), size=8)
-            axes.set(aspect="equal", xlim=(-0.01, 0.36), ylim=(-0.15, 0.06))
+            axes.set(aspect="equal", xlim=(-0.01, 0.36), ylim=(-0.135, 0.045))
             axes.axis("off")
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from statistics import mean
 
 from click.testing import CliRunner
+from PIL import Image, ImageSequence
 
 from featherfx.cli.main import main
 from featherfx.groom.keys.renamed import RENAMED
@@ -38,7 +39,7 @@ PATHS = {
 }
 # words of the pages of a section of the site
 SECTIONS = {"Start": 3_500, "How-to": 12_000, "Explanation": 6_000}
-MAX_IMAGE = 1_000_000  # bytes
+MAX_IMAGE, MIN_FILM, MAX_FILM = 1_000_000, 5.0, 10.0  # bytes; s
 # sections whose pages show what one gets, and their pages that have nothing to show
 SHOWN = ("Start", "How-to")
 # names in reports and pages, which keys had, too
@@ -205,6 +206,12 @@ def sections() -> dict[str, list[str]]:
     return found
 
 
+def film_seconds(path: Path) -> float:
+    """Return how long a film plays, in s."""
+    with Image.open(path) as film:
+        return sum(each.info["duration"] for each in ImageSequence.Iterator(film)) / 1000
+
+
 def faults_of_all(every: list[Page]) -> list[str]:
     """Return what is wrong with the pages as a whole: minutes, budgets, and images."""
     words = {Path(page.name).name: page.words for page in every}
@@ -226,6 +233,9 @@ def faults_of_all(every: list[Page]) -> list[str]:
     for image in sorted((ROOT / "docs").rglob("*.*")):
         if image.suffix in (".png", ".gif", ".jpg") and image.stat().st_size > MAX_IMAGE:
             found.append(f"{image.name}: {image.stat().st_size} bytes, {MAX_IMAGE} allowed")
+        if image.suffix == ".gif" and not MIN_FILM <= film_seconds(image) <= MAX_FILM:
+            allowed = f"{MIN_FILM:g} to {MAX_FILM:g} allowed"
+            found.append(f"{image.name}: plays for {film_seconds(image):g} s, {allowed}")
     total = sum(words.values())
     return found + [f"{total} words, {MAX_WORDS} allowed"] * (total > MAX_WORDS)
 

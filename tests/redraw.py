@@ -2,10 +2,12 @@
 
 The recipe of an image stands in its page: commands, also within comments, of which one writes the
 image's name by -o. What they read is found by the -o of earlier commands, samples and docs/images.
-With --check nothing is replaced, and the exit code is 1 if an image differs from its recipe.
+All run in one folder, and a command that several images need runs once. With --check nothing is
+replaced, and the exit code is 1 if an image differs from its recipe.
 """
 
 import re
+import resource
 import shlex
 import shutil
 import subprocess
@@ -91,18 +93,32 @@ def difference(first: Path, second: Path) -> float:
     return float(np.mean([np.abs(a - b).mean() for a, b in zip(*frames, strict=True)]))
 
 
-def draw(steps: list[Step], image: Path, folder: Path) -> Path | None:
-    """Run the steps of an image in a folder; return the file of its name, None if a step fails."""
-    for name in ("samples", "docs", "tests"):
-        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for step in steps:
+class Drawer:
+    """A folder in which steps run; done: the words of the last step that wrote each file."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.done = folder, dict[str, tuple[str, ...]]()
+        for name in ("samples", "docs", "tests"):
+            ignored = shutil.ignore_patterns("__pycache__")
+            shutil.copytree(ROOT / name, folder / name, ignore=ignored)
+
+    def draw(self, steps: list[Step], image: str) -> Path | None:
+        """Run the steps of an image that are not done; return its file, None if a step fails."""
+        drawn = None
+        for step in steps:
+            if any(self.done.get(path) != step.words for path in step.writes):
+                if not self._run(step):
+                    return None
+                # what read the files that this step has written is to be made again
+                kept = {p: w for p, w in self.done.items() if not set(step.writes) & set(w)}
+                self.done = kept | dict.fromkeys(step.writes, step.words)
+            drawn = next((path for path in step.writes if Path(path).name == image), drawn)
+        return self.folder / drawn if drawn else None
+
+    def _run(self, step: Step) -> bool:
         module = ["-m", "featherfx"] if step.words[0] == "featherfx" else []
-        over = ["--overwrite"] if step.words[1] in ("bake", "groom", "sample", "retime") else []
-        command = [sys.executable, *module, *step.words[1:], *over]
-        if subprocess.run(command, cwd=folder, check=False).returncode:
-            return None
-    drawn = (path for path in folder.rglob(image.name) if path.parent.parent.name != "docs")
-    return next(drawn, None)
+        command = [sys.executable, *module, *step.words[1:], *(["--overwrite"] if module else [])]
+        return subprocess.run(command, cwd=self.folder, check=False).returncode == 0
 
 
 def recipes() -> dict[Path, tuple[Path, list[Step]]]:
@@ -138,18 +154,22 @@ def missing_inputs(steps: list[Step]) -> set[str]:
 
 def redraw(names: list[str], check: bool) -> int:
     """Draw the images of all pages, or the named ones; return how many fail or differ."""
-    wrong = 0
-    for image, (page, chosen) in recipes().items():
-        if names and image.name not in names:
-            continue
-        with tempfile.TemporaryDirectory() as folder:
-            drawn = draw(chosen, image, Path(folder))
+    wrong, spent = 0, 0.0
+    with tempfile.TemporaryDirectory() as folder:
+        drawer = Drawer(Path(folder))
+        for image, (page, steps) in recipes().items():
+            if names and image.name not in names:
+                continue
+            drawn = drawer.draw(steps, image.name)
             off = difference(drawn, image) if drawn and image.exists() else np.inf
             if drawn and not check and off > 0.0:
                 shutil.copy(drawn, image)
-        wrong += off > MAX_DIFFERENCE
-        outcome = f"differs by {off:.2f} of 255" if drawn else "cannot be drawn by its page"
-        print(f"{page.name}: {image.name} {outcome}", flush=True)
+            wrong += off > MAX_DIFFERENCE
+            outcome = f"differs by {off:.2f} of 255" if drawn else "cannot be drawn by its page"
+            usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+            before, spent = spent, usage.ru_utime + usage.ru_stime
+            seconds = f"{spent - before:.0f} s of CPU time"
+            print(f"{page.name}: {image.name} {outcome}, {seconds}", flush=True)
     return wrong
 
 

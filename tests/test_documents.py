@@ -28,7 +28,8 @@ from pages import (
     pages,
     read_page,
 )
-from redraw import missing_inputs, recipes
+from PIL import Image
+from redraw import Drawer, missing_inputs, recipe, recipes, steps_of
 
 import featherfx
 from featherfx.baking.install import copy_sample
@@ -170,6 +171,50 @@ def test_pages_that_take_longer_or_show_nothing_are_noticed():
     assert "farm: 20.0 minutes of reading, 8 allowed" in found
     assert "farm.md: 0 images of the result, 4 needed" in found
     assert f"{2_000 * len(every)} words, 40000 allowed" in found
+
+
+def test_films_that_are_too_short_or_too_large_are_noticed(tmp_path, monkeypatch):
+    noise = np.random.default_rng(1).integers(0, 256, (24, 200, 400), np.uint8)
+    first, *others = (Image.fromarray(each) for each in noise)
+    (tmp_path / "docs").mkdir()
+    film = tmp_path / "docs/film.gif"
+    first.save(film, save_all=True, append_images=others, duration=[*[40] * 23, 100])
+    every = pages()
+    monkeypatch.setattr(pages_of_docs, "ROOT", tmp_path)
+    size = film.stat().st_size
+    told = [
+        f"film.gif: {size} bytes, 1000000 allowed",
+        "film.gif: plays for 1.02 s, 5 to 10 allowed",
+    ]
+    assert faults_of_all(every) == told
+
+
+def test_what_is_in_motion_is_shown_by_a_film():
+    films = {
+        image.stem for image, (_, steps) in recipes().items() if image.suffix == ".gif" and steps
+    }
+    named = "channels contact levels pigeon_walk qualities splitting target"
+    assert films == set(named.split())
+
+
+def test_a_command_that_two_images_need_runs_once(tmp_path, monkeypatch):
+    page = """
+        featherfx bake a.toml -o a.usdc
+        featherfx preview a.usdc -o one.png
+        featherfx preview a.usdc -o two.png
+        featherfx bake b.toml -o a.usdc
+        featherfx preview a.usdc -o three.png
+    """
+    ran, steps = [], steps_of(page)
+    drawer = Drawer(tmp_path)
+    monkeypatch.setattr(drawer, "_run", lambda step: ran.append(step.words[2]) or True)
+    for name in ("one.png", "two.png", "one.png"):
+        assert drawer.draw(recipe(steps[:3], name), name) == tmp_path / name
+    assert ran == ["a.toml", "a.usdc", "a.usdc"]
+    # what another command has written under the same name is no cache of this one
+    drawer.draw(recipe(steps[3:], "three.png"), "three.png")
+    drawer.draw(recipe(steps[:3], "one.png"), "one.png")
+    assert ran[3:] == ["b.toml", "a.usdc", "a.toml", "a.usdc"]
 
 
 def test_each_image_has_a_recipe_whose_inputs_are_there():

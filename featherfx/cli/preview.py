@@ -61,7 +61,7 @@ from featherfx.render.options import PictureOptions
 @options_of(
     PictureOptions,
     *("colour", "size", "view", "framing", "camera", "feathers", "regions", "surroundings"),
-    *("against", "scenery", "bare", "floor", "samples"),
+    *("against", "scenery", "bare", "floor", "samples", "rate"),
 )
 @click.option(
     "--f-stop", type=float, default=0.0, metavar="N", help="Blur of a lens, such as 2.8; 0: none."

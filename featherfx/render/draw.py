@@ -179,10 +179,12 @@ def _png(path: Path, picture: Picture) -> None:
 
 
 def _gif(path: Path, pictures: Sequence[Picture], rate: float) -> None:
-    # one palette and one ordered dither for all, else colours flicker and nothing stays the same
-    middle = Image.fromarray(pictures[len(pictures) // 2])
-    palette = middle.quantize(256, dither=Image.Dither.NONE)
-    height, width = middle.height, middle.width
+    # one palette and one ordered dither for all, else colours flicker and nothing stays the same;
+    # each colour counts once, else the background takes most of the palette
+    some = np.concatenate([pictures[0], pictures[len(pictures) // 2], pictures[-1]])
+    colours = [colour for _, colour in Image.fromarray(some).getcolors(2**24) or ()]
+    palette = Image.fromarray(np.array([colours], np.uint8)).quantize(256, dither=Image.Dither.NONE)
+    height, width = pictures[0].shape[:2]
     repeats = (height // 4 + 1, width // 4 + 1, 1)
     offset = np.tile(_DITHER[:, :, None], repeats)[:height, :width]
     dithered = (np.clip(each + offset, 0.0, 255.0).astype(np.uint8) for each in pictures)
@@ -229,9 +231,7 @@ class Exposure:
 def draw(path: Path, output: Path, options: PictureOptions, jobs: int) -> list[Path]:
     """As featherfx.render.picture.render, of arguments that are right."""
     with phase("reading"):
-        subjects = [open_subject(path, options)]
-        if options.against is not None:
-            subjects.append(open_subject(Path(options.against), options))
+        subjects = [open_subject(Path(each), options) for each in (path, *options.others)]
         times = _times(path, subjects[0], options, output)
         shots = _shots(path, subjects, times, options)
         if options.floor:
@@ -245,7 +245,7 @@ def draw(path: Path, output: Path, options: PictureOptions, jobs: int) -> list[P
     pictures = _pictures(subjects, shots, options, jobs)
     finished = list(_finished(pictures, subjects, shots, options, keys[0]))
     with phase("finishing"):
-        save(finished, before, subjects[0].cache.frames_per_second)
+        save(finished, before, options.rate or subjects[0].cache.frames_per_second)
     return files
 
 

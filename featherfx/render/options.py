@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from featherfx.errors import Problem, require
-from featherfx.limits import MAX_PIXELS, MAX_SHEET, MAX_SIDE, option
+from featherfx.limits import MAX_PIXELS, MAX_RATE, MAX_SHEET, MAX_SIDE, option
 
 _COLOURS = ("shaded", "barb", "region", "strain", "hooked")
 _VIEWS = ("auto", "top", "side", "front")
@@ -59,8 +59,12 @@ class PictureOptions:
         (), "Only these, close up; * and ? too.", several=True, metavar="NAME", flag="--region"
     )
     surroundings: bool = option(False, "With --feather or --region: the others, too.")
-    against: str | Path | None = option(
-        None, "A cache to draw beside this one.", reads=True, metavar="FILE"
+    against: str | Path | Sequence[str | Path] = option(
+        (),
+        "A cache to draw beside this one; several, too.",
+        several=True,
+        reads=True,
+        metavar="FILE",
     )
     scenery: Sequence[str | Path] = option(
         (),
@@ -74,7 +78,15 @@ class PictureOptions:
     turntable: int = 0
     floor: bool = option(False, "A floor under what is drawn, which takes its shadow.")
     f_stop: float = 0.0
+    rate: float | None = option(
+        None, "Pictures a second of a film.  [default: the file's]", least=1, most=MAX_RATE
+    )
     overwrite: bool = False
+
+    @property
+    def others(self) -> tuple[str | Path, ...]:
+        """Files of against."""
+        return (self.against,) if isinstance(self.against, str | Path) else tuple(self.against)
 
     @property
     def pixels(self) -> tuple[int, int]:
@@ -95,7 +107,7 @@ class PictureOptions:
 def check_pixels(count: int, options: PictureOptions) -> list[Problem]:
     """Find problems of the number of pixels of so many images."""
     width, height = options.pixels
-    sides = 1 if options.against is None else 2
+    sides = 1 + len(options.others)
     total = count * sides * width * height
     if total <= MAX_PIXELS:
         return []
@@ -117,15 +129,14 @@ def check_options(path: Path, output: Path, options: PictureOptions) -> None:
         problems.append(Problem(str(output), "", told))
     elif options.sheet and output.suffix.lower() != ".png":
         problems.append(Problem(str(output), "", "a sheet is one image. Name a .png file"))
-    if options.against is not None and not options.is_look:
+    if options.others and not options.is_look:
         told = f"'{options.colour}' would have a scale for each file. Give shaded or region"
         problems.append(Problem("preview", "colour", told))
     if options.floor and not options.is_look:
         problems.append(Problem("preview", "floor", f"'{options.colour}' has no shadows to take"))
     if not os.path.isdir(output.parent):
         problems.append(Problem(str(output.parent), "", "folder does not exist. Make it first"))
-    others = () if options.against is None else (options.against,)
-    for file in (path, *others, *options.scenery):
+    for file in (path, *options.others, *options.scenery):
         if not Path(file).is_file():
             problems.append(Problem(str(file), "", "there is no such file. Check the path"))
     require(*problems)
@@ -142,6 +153,9 @@ def _number_problems(options: PictureOptions) -> list[Problem]:
     if not (options.f_stop == 0.0 or 0.1 <= options.f_stop <= 1000.0):
         message = f"{options.f_stop:g} is not allowed. Give 0.1 to 1000, or 0 where all is sharp"
         problems.append(Problem("preview", "f_stop", message))
+    if options.rate is not None and not 1.0 <= options.rate <= MAX_RATE:
+        message = f"{options.rate:g} is not allowed. Give 1 to {MAX_RATE} pictures a second"
+        problems.append(Problem("preview", "rate", message))
     if not 0 <= options.turntable <= MAX_SHEET:
         message = f"{options.turntable} is not allowed. Give 0 to {MAX_SHEET}"
         problems.append(Problem("preview", "turntable", message))

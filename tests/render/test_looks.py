@@ -277,7 +277,9 @@ def test_feathers_and_regions_that_are_not_there(cache, tmp_path):
     assert "region: no region fits 'tial', did you mean 'tail'?" in told
 
 
-def test_two_caches_side_by_side(cache, tmp_path):
+def test_caches_side_by_side(cache, tmp_path):
+    three = picture(cache, tmp_path / "c.png", frames=[3], against=[cache, cache])
+    assert three.shape == (SIZE[1], 3 * SIZE[0] + 4, 3)
     both = picture(cache, tmp_path / "a.png", frames=[3], against=cache)
     assert both.shape == (SIZE[1], 2 * SIZE[0] + 2, 3)
     left, right = both[30:, : SIZE[0]], both[30:, SIZE[0] + 2 :]
@@ -394,9 +396,13 @@ def test_progress_counts_to_the_end(cache, tmp_path):
 
 
 def test_films(cache, tmp_path):
-    render(cache, tmp_path / "a.gif", frames=[1, 2, 3], size=(32, 24), samples=1)
-    film = Image.open(tmp_path / "a.gif")
-    assert (film.n_frames, film.size) == (3, (32, 24))
+    for rate, lasting in ((None, 40), (12, 80), (50, 20)):
+        options = {"frames": [1, 2, 3], "size": (32, 24), "samples": 1, "rate": rate}
+        render(cache, tmp_path / "a.gif", overwrite=True, **options)
+        film = Image.open(tmp_path / "a.gif")
+        assert (film.n_frames, film.size, film.info["duration"]) == (3, (32, 24), lasting)
+    with pytest.raises(InputError, match=r"rate: 0\.5 is not allowed. Give 1 to 50 pictures"):
+        render(cache, tmp_path / "b.gif", rate=0.5)
     with pytest.raises(InputError, match="a sheet is one image"):
         render(cache, tmp_path / "b.gif", sheet=True)
 
