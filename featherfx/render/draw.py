@@ -180,10 +180,11 @@ def _png(path: Path, picture: Picture) -> None:
 
 def _gif(path: Path, pictures: Sequence[Picture], rate: float) -> None:
     # one palette and one ordered dither for all, else colours flicker and nothing stays the same;
-    # each colour counts once, else the background takes most of the palette
+    # each colour counts once, else the background takes most of the palette; the 256th stands for
+    # what stays as it was
     some = np.concatenate([pictures[0], pictures[len(pictures) // 2], pictures[-1]])
     colours = [colour for _, colour in Image.fromarray(some).getcolors(2**24) or ()]
-    palette = Image.fromarray(np.array([colours], np.uint8)).quantize(256, dither=Image.Dither.NONE)
+    palette = Image.fromarray(np.array([colours], np.uint8)).quantize(255, dither=Image.Dither.NONE)
     height, width = pictures[0].shape[:2]
     repeats = (height // 4 + 1, width // 4 + 1, 1)
     offset = np.tile(_DITHER[:, :, None], repeats)[:height, :width]

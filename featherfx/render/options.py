@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from featherfx.errors import Problem, require
-from featherfx.limits import MAX_PIXELS, MAX_RATE, MAX_SHEET, MAX_SIDE, option
+from featherfx.limits import MAX_FILM_RATE, MAX_PIXELS, MAX_SHEET, MAX_SIDE, option
 
 _COLOURS = ("shaded", "barb", "region", "strain", "hooked")
 _VIEWS = ("auto", "top", "side", "front")
@@ -79,7 +79,7 @@ class PictureOptions:
     floor: bool = option(False, "A floor under what is drawn, which takes its shadow.")
     f_stop: float = 0.0
     rate: float | None = option(
-        None, "Pictures a second of a film.  [default: the file's]", least=1, most=MAX_RATE
+        None, "Pictures a second of a film.  [default: the file's]", least=1, most=MAX_FILM_RATE
     )
     overwrite: bool = False
 
@@ -153,8 +153,8 @@ def _number_problems(options: PictureOptions) -> list[Problem]:
     if not (options.f_stop == 0.0 or 0.1 <= options.f_stop <= 1000.0):
         message = f"{options.f_stop:g} is not allowed. Give 0.1 to 1000, or 0 where all is sharp"
         problems.append(Problem("preview", "f_stop", message))
-    if options.rate is not None and not 1.0 <= options.rate <= MAX_RATE:
-        message = f"{options.rate:g} is not allowed. Give 1 to {MAX_RATE} pictures a second"
+    if options.rate is not None and not 1.0 <= options.rate <= MAX_FILM_RATE:
+        message = f"{options.rate:g} is not allowed. Give 1 to {MAX_FILM_RATE} pictures a second"
         problems.append(Problem("preview", "rate", message))
     if not 0 <= options.turntable <= MAX_SHEET:
         message = f"{options.turntable} is not allowed. Give 0 to {MAX_SHEET}"

@@ -165,7 +165,7 @@ _LIMITS = (
     ("`--subframes`", str(limits.MAX_SUBFRAMES), ""),
     ("Shares of a bake", str(limits.MAX_SHARES), ""),
     ("Side of a picture", f"{limits.MAX_SIDE} pixels", ""),
-    ("Pictures a second of a film", f"{limits.MAX_RATE}", ""),
+    ("Pictures a second of a film", f"{limits.MAX_FILM_RATE}", ""),
     (
         "Layouts, models and the like in the cache folder",
         f"{limits.MAX_KEPT_BYTES / 1e9:g} GB",
