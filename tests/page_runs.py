@@ -25,6 +25,9 @@ READERS = ("Start", "How-to", "Reference")
 SHOTS = ("shot.toml", "a.toml", "b.toml")
 CACHES = ("wing.usdc", "swan_wing.usdc", "flap.usdc", "new.usdc", "old.usdc", "wing.usda")
 
+# what stands behind a number that is the same in each run
+_COUNTED = r"\\ (?:feathers|taken|faces|points|joints|values)\b"
+
 
 @dataclass(frozen=True)
 class Block:
@@ -96,10 +99,14 @@ def run(command: str, folder: Path) -> str:
 
 
 def compare_output(expected: str, output: str) -> None:
-    """Compare lines of a page with those of a command, in their order and with other numbers."""
+    """Compare lines of a page with those of a command, in their order.
+
+    Numbers may be others, but for counts of feathers and of a mesh.
+    """
     place = 0
     for line in filter(lambda each: each.strip() != "...", expected.strip().splitlines()):
-        pattern = re.sub(r"\d[\d.,e]*", r"[\\d.,e]+", re.escape(line.strip()).replace(r"\.", "."))
+        text = re.escape(line.strip()).replace(r"\.", ".")
+        pattern = re.sub(rf"\d[\d.,e]*+(?!{_COUNTED})", r"[\\d.,e]+", text)
         found = re.compile(pattern).search(output, place)
         assert found, f"{line}\nis not in\n{output}"
         place = found.end()

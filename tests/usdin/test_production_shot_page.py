@@ -5,12 +5,27 @@ import warnings
 
 import creature
 import numpy as np
+from commands import invoke
 from places import ROOT
 
 import featherfx
 from featherfx.errors import InputWarning
 
 PAGE = (ROOT / "docs/production_shot.md").read_text()
+
+
+def test_the_page_shows_what_check_prints_of_two_mistakes(tmp_path, monkeypatch):
+    groom = re.search(r"```toml\n(.*?)```", PAGE, re.S)[1]
+    wrong = groom.replace("{ vertex = 117 }, d", "{ vertex = 99117 }, d").replace(
+        '"covert"', '"cover"'
+    )
+    (tmp_path / "groom.toml").write_text(wrong)
+    creature.skinned(tmp_path / "creature.usda")
+    monkeypatch.chdir(tmp_path)
+    printed = invoke("check", "groom.toml")
+    lines = (printed.stdout + printed.stderr).splitlines()
+    shown = re.search(r"one line each:\n\n```text\n(.*?)\n```", PAGE, re.S)[1]
+    assert [line for line in lines if line.startswith("groom.toml:")] == shown.splitlines()
 
 
 def test_files_of_the_page_fit_the_creature(tmp_path):
