@@ -1018,6 +1018,7 @@ ELSEWHERE = {
     "motion.body": "tests/shot/test_body.py",
     "motion.cites": "tests/shot/test_wing_beat.py",
     "motion.span_ratio": "tests/shot/test_wing_beat.py",
+    "motion.heave": "tests/shot/test_wing_beat.py",
     "motion.by_eye": "tests/shot/test_wing_beat.py",
     "motion.fit": "tests/shot/test_motion_fit.py",
     "motion.kind": "tests/shot/test_motion.py",

@@ -105,6 +105,51 @@ tip_reversal = [[0, 50], [0.5, 0]]"""
         assert whole / half == pytest.approx(2.0, rel=0.02)
 
 
+@pytest.mark.parametrize("share", [0.4, 0.55])
+def test_a_body_heaves_under_lift_that_bears_its_weight(tmp_path, share):
+    """Its acceleration is that of a half sine in the downstroke, less gravity; both means are 0."""
+    rate = 5.0
+    keys = f"heave = 1\nwingbeat_frequency = {rate:g}\ndownstroke = {share}"
+    shot = read(tmp_path, BEAT.format(keys))
+    poses = joint_poses(shot.motion, shot, skeleton_of(shot.groom))
+    count = 400
+    step = 1.0 / (rate * count)
+    places = np.stack([poses(k * step).displacements[0] for k in range(-1, count + 1)])
+    assert np.abs(places[:, :2]).max() == 0.0
+    found = np.diff(places[:, 2], 2) / step**2
+    time = np.arange(count) / count
+    lift = np.where(time < share, 0.5 * np.pi / share * np.sin(np.pi * time / share), 0.0)
+    # where lift begins and ends, second differences err by a sixth of a step of its rate
+    err = 1.01 * 9.81 * 0.5 * (np.pi / share) ** 2 / count / 6.0
+    np.testing.assert_allclose(found, 9.81 * (lift - 1.0), atol=err)
+    assert lift.mean() == pytest.approx(1.0, abs=1e-3)
+    assert places[1:-1, 2].mean() == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["cruise", "hover", "glide", "walk"])
+def test_motions_that_go_on_close(tmp_path, name):
+    """After a period all joints stand, and move, as they did."""
+    period = {"cruise": 1 / 6, "hover": 1 / 7, "glide": 1 / 0.15, "walk": 1 / 2.5}[name]
+    step = 1e-3 * min(period, 1.0)
+    shot = read(tmp_path, f'base = "{name}"\nfit = "none"')
+    skeleton = skeleton_of(shot.groom)
+    poses = joint_poses(shot.motion, shot, skeleton)
+
+    def places(time):
+        turns, shifts = skeleton.carriers(poses(time))
+        return np.concatenate(
+            [turns.reshape(-1), (turns @ skeleton.pivots[:, :, None]).ravel() + shifts.ravel()]
+        )
+
+    start = 40.0
+    first, last = places(start), places(start + period)
+    np.testing.assert_allclose(last, first, atol=1e-9)
+    rates = [(places(t + step) - places(t - step)) / (2 * step) for t in (start, start + period)]
+    np.testing.assert_allclose(rates[1], rates[0], atol=1e-6 * np.abs(rates[0]).max())
+    halfway = places(start + 0.37 * period)
+    assert np.abs(halfway - first).max() > 1e-3
+
+
 def strokes(tracks):
     """Time (s) and angle (deg) from the horizontal, from top to bottom, of each downstroke."""
     wing, body = tracks.wings["left"], tracks.rotations[:, 0]

@@ -183,8 +183,9 @@ def test_a_jump_that_the_root_makes_is_none(damaged):
     assert report["pops"]["count"] == 0
 
 
+@pytest.mark.parametrize("kind", [UsdGeom.Mesh, UsdGeom.BasisCurves])
 @pytest.mark.parametrize("bend", [0.0, 0.8])
-def test_a_turn_of_the_root_is_no_pop_but_what_moves_besides_is(damaged, bend):
+def test_a_turn_of_the_root_is_no_pop_but_what_moves_besides_is(damaged, kind, bend):
     """The whole feather turns by 40 degrees in one sample and back; its tip may bend besides."""
     sine, cosine = np.sin(np.radians(40.0)), np.cos(np.radians(40.0))
     turn = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
@@ -198,7 +199,7 @@ def test_a_turn_of_the_root_is_no_pop_but_what_moves_besides_is(damaged, bend):
         values[far > 0.5 * far.max()] += (0.0, 0.5 * bend * far.max(), 0.0)
         return (values - root) @ turn.T + root
 
-    assert (damaged("mesh", move)["pops"]["count"] > 0) == (bend > 0.1)
+    assert (damaged("mesh", move, kind=kind)["pops"]["count"] > 0) == (bend > 0.1)
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.2])

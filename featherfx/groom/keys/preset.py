@@ -351,6 +351,11 @@ MOTION_KEYS: dict[str, dict[str, Key]] = {
             "lowered, and the right one swept forwards and raised.",
             0.0,
         ),
+        "heave": _changing(
+            Number(0, 2),
+            "Share of the body's heave under the lift of the downstrokes, which bears its weight.",
+            0.0,
+        ),
         "elevation": _curve(
             "Stroke of the arm over the beat, positive upwards.",
             {"mean": 0.0, "harmonics": [[1.0, 0.0]]},

@@ -23,6 +23,15 @@ that a folding wing also flexes downwards. The reach of a wing is how far its fa
 the line through the shoulder along the body. The span ratio is the reach in the middle of the
 upstroke over that in the middle of the downstroke; both folds are scaled to it.
 
+A body heaves under the lift of its wings. Quasi-steady, all of it in the downstroke, as of slow
+flight (Tobalske 2007, Journal of Experimental Biology 210: 3135-3146), a half sine of time, with
+the weight as its mean over a beat of frequency f:
+
+    z'' = g (pi / (2 d) sin(pi t / d) - 1)  for t < d,    z'' = -g  for t > d,    z = g / f^2 h(t)
+
+with t in beats. h is the integral whose mean and whose rate's mean are 0. That a half sine has no
+lift left for the upstroke, nor drag for its wings, is an estimate.
+
 A motion starts, and after its beats ends, at rest: within a quarter of a beat the phase catches up
 with time. The phase is the integral of the frequency, and numbers that change over time do so
 smoothly: modes of flight follow each other without a jump.
@@ -70,7 +79,7 @@ _SAMPLES = 256
 _CURVES = ("elevation", "sweep", "twist", "elbow", "wrist")
 # numbers in degrees that may change over time, and all of them
 _TURNS = ("stroke_amplitude", "stroke_plane", "tip_reversal", "turn")
-_NUMBERS = ("wingbeat_frequency", "downstroke", *_TURNS)
+_NUMBERS = ("wingbeat_frequency", "downstroke", "heave", *_TURNS)
 # an angle in degrees at a phase from 0 to 1
 _Curve = Callable[[float], float]
 # times (s) and values
@@ -151,6 +160,18 @@ class Flap:
 
     def phase(self, time: float) -> float:
         """Return the phase, whole beats included, at a time (s)."""
+        return _warped(self._beats_done(time), eased(*self.numbers["downstroke"], time))
+
+    def heave(self, time: float, gravity: float) -> float:
+        """Return the height (m) of the body over its mean at a time (s). gravity: m/s2."""
+        share = eased(*self.numbers["heave"], time)
+        if share == 0.0:
+            return 0.0
+        frequency = eased(*self.numbers["wingbeat_frequency"], time)
+        downstroke = eased(*self.numbers["downstroke"], time)
+        return share * gravity / frequency**2 * _heave(self._beats_done(time) % 1.0, downstroke)
+
+    def _beats_done(self, time: float) -> float:
         since = (eased_integral(*self.numbers["wingbeat_frequency"], each) for each in (time, 0.0))
         done = max(next(since) - next(since), 0.0)
         if self.beats <= 0.0:
@@ -162,8 +183,7 @@ class Flap:
             is_early = done < 0.5 * self.beats
             left = self.beats - _caught_up(self.beats - done, ramp)
             beats = _caught_up(done, ramp) if is_early else left
-        downstroke = eased(*self.numbers["downstroke"], time)
-        return _warped(beats, downstroke)
+        return beats
 
     def angles(self, phase: float, time: float, inside: float, factor: float) -> _Angles:
         """Return the angles of a wing. inside: 1 of the wing inside a turn, -1 outside. factor: of
@@ -193,6 +213,18 @@ def _warped(beats: float, downstroke: float) -> float:
     whole = math.floor(beats - quarter + 0.5)
     tangent = math.tan(math.pi * (beats - quarter - whole)) / math.tan(math.pi * quarter)
     return whole + 0.25 + math.atan(tangent) / math.pi
+
+
+def _heave(time: float, downstroke: float) -> float:
+    """h at a time in beats, from 0 to 1."""
+    d = downstroke
+    rate = -0.5 * (1.0 - d)
+    falling = d**2 / 4.0 - d**3 / 6.0 + rate * d**2 / 2.0 - d**2 / math.pi**2
+    rising = 0.5 * (1.0 + rate) * (1.0 - d**2) - (1.0 - d**3) / 6.0 - 0.5 * d * (1.0 - d)
+    found = -falling - rising - 0.5 * time**2 + rate * time
+    if time < d:
+        return found + 0.5 * time - d / (2.0 * math.pi) * math.sin(math.pi * time / d)
+    return found + time - 0.5 * d
 
 
 @dataclass(frozen=True)
@@ -274,8 +306,13 @@ def flapping(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
         fit = _SpanFit(flap, wings, groom, skeleton, source)
         flap = replace(flap, fold_factors=(times, [fit.factor(each) for each in ratios]))
 
+    weight = float(np.linalg.norm(shot.gravity))
+    up = -shot.gravity / weight if weight else np.zeros(3)
+
     def poses(time: float) -> JointPoses:
-        return wings.poses(flap, flap.phase(time), time, eased(*flap.fold_factors, time))
+        found = wings.poses(flap, flap.phase(time), time, eased(*flap.fold_factors, time))
+        found.displacements[0] = flap.heave(time, weight) * up
+        return found
 
     return poses
 

@@ -41,6 +41,7 @@ _PARTS = {RACHIS: "rachis", BARB: "barb"}
 _JUMP, _UNEXPLAINED, _STRAIN, _DEPTH, _KINDS = 2, 3, 4, 5, 6  # columns of Worst
 _MAX_NAMED = 10
 _LIMITS = np.array([MAX_JUMP, MAX_ROOT_JUMP_RATIO, MAX_UNEXPLAINED_RATIO])
+_MIN_BEND_SINE = 1e-3  # of the angle between two segments of a rachis that gives axes
 _MIN_RING_SINE = 0.1  # of the angle between two points of a ring that gives axes
 _ROUNDING = float(np.finfo(np.float32).eps)
 
@@ -278,7 +279,10 @@ class Judge:
 
 
 def _find_root_axes(points: Floats, nodes: Array, strands: Strands) -> Array:
-    """Return (F, 3, 3), columns: axes of the rings at the roots; the world's where none is."""
+    """Return (F, 3, 3), columns: axes of the rings at the roots, or of the first points of a
+    rachis that is a curve; the world's where none is."""
+    if len(nodes) == len(points):
+        return _find_curve_axes(nodes, strands)
     first, last = strands.node_first[strands.root], strands.node_first[strands.root + 1] - 1
     ring = strands.node_points[[first, np.minimum(first + 1, last)]]
     one, other = points[ring] - nodes[strands.root]
@@ -288,6 +292,22 @@ def _find_root_axes(points: Floats, nodes: Array, strands: Strands) -> Array:
     axes = np.stack([side, np.cross(up, side), up], axis=2)
     is_ring = np.linalg.norm(normal, axis=1) > _MIN_RING_SINE * sizes
     return np.ascontiguousarray(np.where(is_ring[:, None, None], axes, np.eye(3)))
+
+
+def _find_curve_axes(nodes: Array, strands: Strands) -> Array:
+    """Return (F, 3, 3), the same of curves: along a rachis, and in the plane in which it bends
+    first. Points of a straight one have no side, so that any is right."""
+    root = strands.root
+    second, third = (np.minimum(root + k, len(nodes) - 1) for k in (1, 2))
+    along = unit(nodes[second] - nodes[root])
+    bend = np.cross(along, unit(nodes[third] - nodes[second]))
+    spare = np.cross(along, np.eye(3)[np.abs(along).argmin(axis=1)])
+    is_bent = np.linalg.norm(bend, axis=1, keepdims=True) > _MIN_BEND_SINE
+    up = unit(np.where(is_bent, bend, spare))
+    axes = np.stack([along, np.cross(up, along), up], axis=2)
+    of_rachis = np.zeros(len(root), dtype=np.bool_)
+    of_rachis[strands.feather[strands.kind == RACHIS]] = True
+    return np.ascontiguousarray(np.where(of_rachis[:, None, None], axes, np.eye(3)))
 
 
 def _find_heights(track: Track, nodes: Array, widths: Array) -> Array:
