@@ -80,8 +80,7 @@ def read_feathers(
     problems.hand_on()
     if not feathers:
         nothing = f"{path}: no curves and no instances at {', '.join(paths)} or below"
-        whole = paths[0] == "/"
-        there = "" if whole else describe_prims(scene, ("curves", "instancer"), paths[0])
+        there = describe_prims(scene, ("curves", "instancer"), paths[0])
         hidden = "".join(f". {each.path} {each.reason}" for each in left[:1])
         at.refuse(nothing + hidden + there + describe_broken(scene))
     named = ", ".join(paths)
