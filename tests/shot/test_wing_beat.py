@@ -229,6 +229,14 @@ def test_motions_fold_no_wing_farther_than_it_goes(tmp_path, species, name):
         joint_poses(shot.motion, shot, skeleton_of(shot.groom))
 
 
-def test_beats_too_fast_for_the_frames_are_told(tmp_path):
-    with pytest.warns(InputWarning, match=r"14.*beats a second.*Give more than 28 frames"):
-        read(tmp_path, BEAT.format("wingbeat_frequency = 14"))
+@pytest.mark.parametrize(
+    ("motion", "told"),
+    [
+        (BEAT.format("wingbeat_frequency = 14"), "wingbeat_frequency: 14 flaps"),
+        ('kind = "swing"\naxis = [1, 0, 0]\nangle = 3\nfrequency = 14', "frequency: 14 swings"),
+        ('base = "shake"\nfrequency = 7\ntempo = 2', "frequency: 14 shakes"),
+    ],
+)
+def test_motions_too_fast_for_the_frames_are_told(tmp_path, motion, told):
+    with pytest.warns(InputWarning, match=f"{told} a second.*Give more than 28 frames"):
+        read(tmp_path, motion)

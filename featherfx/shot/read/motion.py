@@ -59,19 +59,20 @@ def read_motion(
 
 
 def warn_of_aliases(motion: Motion, rate: float, source: str, tempo: float = 1.0) -> None:
-    """Warn of beats that are too fast for the frames. rate: frames per second."""
+    """Warn of beats, swings and shakes that are too fast for the frames. rate: 1/s, frames."""
     tempo *= motion.clock.tempo
     if motion.kind == "act":
         for part in motion.values["motions"]:
             warn_of_aliases(part, rate, source, tempo)
-    if motion.kind != "flap":
+    key = {"flap": "wingbeat_frequency", "swing": "frequency", "shake": "frequency"}
+    if motion.kind not in key:
         return
-    given = motion.values["wingbeat_frequency"]
+    given = motion.values[key[motion.kind]]
     fastest = tempo * (max(each for _, each in given) if isinstance(given, tuple) else given)
     if 2.0 * fastest > rate:
-        told = f"{fastest:.3g} beats a second look slower or backwards in {rate:g} frames"
+        told = f"{fastest:.3g} {motion.kind}s a second look slower or backwards in {rate:g} frames"
         remedy = f"Give more than {2.0 * fastest:.3g} frames_per_second"
-        message = f"{source}: motion.wingbeat_frequency: {told}. {remedy}"
+        message = f"{source}: motion.{key[motion.kind]}: {told}. {remedy}"
         warnings.warn(message, InputWarning, stacklevel=2)
 
 
