@@ -116,7 +116,7 @@ def measure_coverage(
     rows and columns. preset_folders, progress: as in read_groom. Raises InputError.
     """
     picture = None if output is None else Path(output)
-    problems = find_missing_libraries("groom", picture or Path("coverage.png"))
+    problems = find_missing_libraries("groom", picture)
     if picture is not None:
         problems += find_file_problems([picture], overwrite)
         if picture.suffix.lower() != ".png":

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from embreex import rtcore_scene
@@ -34,9 +34,11 @@ from featherfx.groom.regions.regions import Tracts
 from featherfx.groom.types import Groom
 from featherfx.render.camera import tile_size
 from featherfx.render.colour import CROSSED, Legend
-from featherfx.render.draw import Picture, add_key, contact_sheet, label, save
 from featherfx.usd.check.plumage import measure_overlap
 from featherfx.usd.check.skins import sample_triangles
+
+if TYPE_CHECKING:
+    from featherfx.render.draw import Picture
 
 _SPACING = 2.5e-4  # m
 _MIN_PLACES, _MAX_PLACES = 100_000, 2_000_000
@@ -148,6 +150,8 @@ class Coverage:
 
     def draw(self, output: Path) -> None:
         """Write a sheet of the skin from six sides. Raises InputError where it cannot be."""
+        from featherfx.render.draw import add_key, contact_sheet, label, save
+
         before = {output: standing(output)}
         x, y = self._groom.forward[:2]
         turn = np.array([[x, -y, 0.0], [y, x, 0.0], [0.0, 0.0, 1.0]])

@@ -162,11 +162,13 @@ def _number_problems(options: PictureOptions) -> list[Problem]:
     return problems
 
 
-def find_missing_libraries(command: str, output: Path) -> list[Problem]:
-    """Find problems of libraries that drawing a file needs."""
-    needed = [("embreex", "Embree", "preview"), ("PIL", "Pillow", "preview")]
-    if output.suffix.lower() == ".mp4":
-        needed.append(("imageio_ffmpeg", "imageio-ffmpeg", "film"))
+def find_missing_libraries(command: str, output: Path | None) -> list[Problem]:
+    """Find problems of libraries that rays need, and an output file, where there is one."""
+    needed = [("embreex", "Embree, which casts rays,", "preview")]
+    if output is not None:
+        needed.append(("PIL", "Pillow, which writes pictures,", "preview"))
+        if output.suffix.lower() == ".mp4":
+            needed.append(("imageio_ffmpeg", "imageio-ffmpeg, which writes films,", "film"))
     return [
         Problem(command, "", f'{name} is not installed. Run pip install "featherfx[{extra}]"')
         for module, name, extra in needed

@@ -1,6 +1,8 @@
 """Bare skin under feathers, against a raster of the same feathers, and against discs left open."""
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -79,6 +81,32 @@ def test_skin_of_no_region_is_neither_bare_nor_of_a_tract(tmp_path):
     assert found["featherless_area"] == pytest.approx(np.pi * DISC**2, rel=0.1)
     assert found["tracts"]["body"]["area"] + found["featherless_area"] == pytest.approx(SIDE**2)
     assert found["tracts"]["body"]["bare"] < 0.1
+
+
+@pytest.mark.parametrize(
+    ("missing", "drawn", "told"),
+    [
+        ("PIL", False, ""),
+        ("PIL", True, "Pillow, which writes pictures, is not installed"),
+        ("embreex", False, "Embree, which casts rays, is not installed"),
+    ],
+)
+def test_a_package_is_asked_for_only_by_what_needs_it(tmp_path, missing, drawn, told):
+    path, picture = plane(tmp_path, "count = 4"), tmp_path / "bare.png"
+    code = f"""
+import importlib.util, sys
+sys.modules[{missing!r}] = None
+find = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *own: None if name == {missing!r} else find(name, *own)
+from featherfx.baking.pipeline import measure_coverage
+from featherfx.errors import InputError
+try:
+    measure_coverage({str(path)!r}, {str(picture) if drawn else None!r}, quality="draft")
+except InputError as error:
+    print(error)
+"""
+    printed = subprocess.check_output([sys.executable, "-W", "ignore", "-c", code], text=True)
+    assert (told in printed) if told else not printed
 
 
 def test_feathers_far_apart_are_exposed_and_close_ones_hide_each_other(tmp_path):
