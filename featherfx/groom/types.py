@@ -241,6 +241,11 @@ class FeatherKind:
     barb_spacing: Annotated[
         float, Number(1e-5, 0.02, "m"), "Distance of real barbs along the rachis."
     ] = 5e-4
+    barb_spacing_exponent: Annotated[
+        float,
+        Number(0, 1),
+        "Power of its size with which the distance of barbs grows where a feather is scaled.",
+    ] = 0.0
     scaling: Annotated[
         str,
         Text(("similar", "behaviour", "fixed_vane")),
@@ -294,7 +299,13 @@ class FeatherKind:
     @property
     def barb_count(self) -> int:
         """Real barbs along each vane."""
-        return max(round(self.length * (1.0 - self.calamus) / self.barb_spacing), 1)
+        return self.count_barbs(1.0)
+
+    def count_barbs(self, size: float) -> int:
+        """Real barbs along each vane of a feather `size` times as large."""
+        exponent = 0.0 if self.scaling == "fixed_vane" else self.barb_spacing_exponent
+        vane, spacing = self.length * (1.0 - self.calamus), self.barb_spacing
+        return max(round(size ** (1.0 - exponent) * vane / spacing), 1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -236,6 +236,7 @@ SCENES = {
             ".guides.1.line",
             ".splits",
             ".barb_spacing",
+            ".barb_spacing_exponent",
             ".overrides.barbs",
             ".loss_band",
             ".reference_frequency",
@@ -255,7 +256,7 @@ SCENES = {
         ),
     ),
     "barbs": Scene(
-        groom(feather=[FEATHER | {"overrides": {"barbs": BARBS}}]),
+        groom(feather=[FEATHER | {"scale": 1.2, "overrides": {"barbs": BARBS}}]),
         shot(),
         ("groom.feather.0.overrides.barbs", "groom.feather.0.overrides.barb_spacing"),
         options={"barbs": 6},

@@ -103,6 +103,7 @@ def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind:
         length=values["length"],
         calamus=values["calamus"],
         barb_spacing=values["barb_spacing"],
+        barb_spacing_exponent=values["barb_spacing_exponent"],
         scaling=values["scaling"],
         rachis=RachisShape(**values["rachis"]),
         leading=leading,

@@ -1,12 +1,12 @@
 """Materials of a feather whose size, stiffness or weight is changed.
 
-A feather s times as long keeps its shape: diameters, thickness and distance of barbs grow with s,
-and what its materials are given by per area or per metre of vane follows, with moduli m times as
-large:
+A feather s times as long keeps its shape: diameters and thickness grow with s, and what its
+materials are given by per area or per metre of vane follows, with moduli m times as large. Barbs do
+not stand apart as much, e is the kind's `barb_spacing_exponent`:
 
     quantity                                       factor
-    length, diameters, thickness, barb spacing,
-      slip and release of hooks                    s
+    length, diameters, thickness, release of hooks s
+    barb spacing, slip of hooks                    s^e
     densities of cortex and core                   1
     mass of the vane per area                      s
     moduli, stresses at which hooks give way (Pa)  m
@@ -47,10 +47,12 @@ def materials_resized(kind: FeatherKind, size: float) -> FeatherKind:
     if size == 1.0 or kind.scaling == "fixed_vane":
         return kind
     moduli = size if kind.scaling == "behaviour" else 1.0
+    wider = size**kind.barb_spacing_exponent
+    vane = _times(_thicker(_stiffer(kind.vane_material, moduli), size), wider, "hook_slip")
     return replace(
         kind,
-        barb_spacing=kind.barb_spacing * size,
-        vane_material=_thicker(_stiffer(kind.vane_material, moduli), size),
+        barb_spacing=kind.barb_spacing * wider,
+        vane_material=vane,
         rachis_material=_times(kind.rachis_material, moduli, *_MODULI),
     )
 
@@ -116,5 +118,5 @@ def _less_compliant(vane: VaneMaterial, factor: float) -> VaneMaterial:
 
 def _thicker(vane: VaneMaterial, size: float) -> VaneMaterial:
     """`size` times as thick, with barbs `size` times as long and as thick."""
-    vane = _times(vane, size, "thickness", "hook_slip", "hook_release", "surface_density")
+    vane = _times(vane, size, "thickness", "hook_release", "surface_density")
     return _less_compliant(_times(vane, size**3, *_BENDING), size**2)

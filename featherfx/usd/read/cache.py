@@ -23,7 +23,12 @@ from featherfx.usd.read.cached_feather import (
     range_slice,
     read_mesh_feathers,
 )
-from featherfx.usd.read.drawn_meshes import DrawnMesh, drawn_meshes, list_undrawn
+from featherfx.usd.read.drawn_meshes import (
+    DrawnMesh,
+    FeatherLabels,
+    drawn_meshes,
+    list_undrawn,
+)
 from featherfx.usd.read.opening import open_stage, read_note, read_scenery
 from featherfx.usd.read.stage import transform_points
 from featherfx.usd.read.values import (
@@ -397,10 +402,16 @@ def _read_meshes(stage: Any) -> Iterator[list[tuple[_ValueRanges, CachedFeather]
         yield [
             (
                 _ValueRanges(mesh, range_slice(member.points), range_slice(member.faces)),
-                feather if labels is None else replace(feather, **vars(labels), is_feather=True),
+                feather if labels is None else _labelled(feather, labels),
             )
             for member, feather in known[path]
         ]
+
+
+def _labelled(feather: CachedFeather, labels: FeatherLabels) -> CachedFeather:
+    """Return an instance's feather."""
+    told = {name: value for name, value in vars(labels).items() if value is not None}
+    return replace(feather, **told, is_feather=True)
 
 
 def _read_condensed(stage: Any) -> Iterator[tuple[_ValueRanges, CachedFeather]]:

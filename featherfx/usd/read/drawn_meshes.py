@@ -35,6 +35,7 @@ from featherfx.usd.read.values import (
     read_times,
     read_value,
 )
+from featherfx.usd.types import BARB_COUNT_PRIMVAR
 
 _RENDERED = {name: key.default for name, key in DRAWN_KEYS.items()}
 MatrixAt = Callable[[Any], Array]  # (4, 4), row vectors, at a time code
@@ -42,11 +43,12 @@ MatrixAt = Callable[[Any], Array]  # (4, 4), row vectors, at a time code
 
 @dataclass(frozen=True)
 class FeatherLabels:
-    """Id, kind and region of a feather."""
+    """Id, kind and region of a feather, and its real barbs along each vane, None: not known."""
 
     id: str
     kind: str
     region: str
+    barb_count: int | None
 
 
 @dataclass(frozen=True)
@@ -95,10 +97,12 @@ def _instanced_meshes(prim: Any) -> Iterator[DrawnMesh]:
     parts = {root.GetPath(): list(_find_parts(root)) for root in instances.prims}
     for index, root in instances.drawn():
         for mesh, inner in parts[root.GetPath()]:
+            barbs = instances.label(BARB_COUNT_PRIMVAR, index, "")
             labels = FeatherLabels(
                 instances.label("featherId", index, f"{prim.GetName()}_{index}"),
                 instances.label("featherKind", index, ""),
                 instances.label("region", index, ""),
+                int(barbs) if barbs.isdecimal() else None,
             )
             yield DrawnMesh(mesh, _product(inner, partial(instances.matrix, index)), labels)
 
@@ -249,7 +253,7 @@ class Instances:
         self.prims = [roots[index] for index in indices]
         self._mask = compute(prim, self._instancer.ComputeMaskAtTime, EARLIEST_TIME)
         self._labels = {}
-        for name in ("featherId", "featherKind", "region"):
+        for name in ("featherId", "featherKind", "region", BARB_COUNT_PRIMVAR):
             values = read_flattened(UsdGeom.PrimvarsAPI(prim).GetPrimvar(name), EARLIEST_TIME)
             if values is not None and len(list_elements(values)) == len(self.prims):
                 self._labels[name] = list_elements(values)

@@ -295,10 +295,12 @@ class _CondensedPrim:
         shapes = parse_texts(prim, SHAPE_PRIMVAR, decode_shape, len(counts))
         self.kinds = self._coloured([kind for kind, _ in shapes])
         self._looks = [kind.drawn_look for kind, _ in shapes]
-        self._counts = [kind.barb_count for kind, _ in shapes]
         sizes = self._shaped(
             f"primvars:{SHAPE_SIZE_PRIMVAR}", DEFAULT_TIME, NUMBER_ARRAY, counts.shape
         )
+        self._counts = [
+            kind.count_barbs(float(size)) for (kind, _), size in zip(shapes, sizes, strict=True)
+        ]
         # of the values of this prim, which are in the units of its stage
         scales = sizes.astype(float) / UsdGeom.GetStageMetersPerUnit(prim.GetStage())
         grown = [

@@ -19,7 +19,13 @@ from featherfx.groom.looks import look_text
 from featherfx.groom.types import Placement
 from featherfx.shot.frames import place
 from featherfx.usd import arrays
-from featherfx.usd.types import MESH_PRIM, FeatherEntry, StageSpace, choose_origin
+from featherfx.usd.types import (
+    BARB_COUNT_PRIMVAR,
+    MESH_PRIM,
+    FeatherEntry,
+    StageSpace,
+    choose_origin,
+)
 from featherfx.usd.write.chunks import AnimatedPrims
 from featherfx.usd.write.layers import (
     MATERIALS_SCOPE,
@@ -159,10 +165,11 @@ def _author_instances(
     if hasattr(instancer, "CreateOrientationsfAttr"):
         instancer.CreateOrientationsfAttr(Vt.QuatfArray([Gf.Quatf(*each) for each in quats]))
     instancer.CreateIdsAttr(Vt.Int64Array([stable_number(p.id) for p in placements]))
-    texts = {
+    shared: dict[str, list[Any]] = {
         "featherId": [p.id for p in placements],
         "featherKind": [p.kind.name for p in placements],
         "region": [p.region for p in placements],
+        BARB_COUNT_PRIMVAR: [p.kind.barb_count for p in placements],
     }
-    for name, values in texts.items():
+    for name, values in shared.items():
         author_shared(instancer.GetPrim(), name, values, UsdGeom.Tokens.vertex)
