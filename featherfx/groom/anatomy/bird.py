@@ -45,6 +45,7 @@ _SIDE_TILT = 15.0  # deg, that the breast's sides stand up more before folded wi
 _BEFORE_WRIST = 0.27
 _LOWER = 0.85  # of the height of that front, covered by them; scapulars lie over the rest; by eye
 _UNEVEN = 0.04  # of feathers of a disc
+_UNEVEN_WIDTH = 0.07  # of the widths of feathers of the coat; by eye
 _RIMLESS = 0.5  # of a disc's radius, around the tip of the beak, which its rim would hide; by eye
 _SPREAD = 0.1  # fold, up to which a wing that does not open stands at its landmark, not as it lies
 _HIDES = 0.9  # fold, from which on a wing hides the flank
@@ -379,9 +380,12 @@ def _coat(
         flow=_filled(FLOW_KEYS, **flow),
         follow=1.0,
         max_length_per_free_radius=1.0,
-        variants=4,
+        variants=6,
         variation=_filled(
-            SPREAD_KEYS, length=uneven, turn=50.0 * uneven, roll=50.0 * uneven, curl=50.0 * uneven
+            SPREAD_KEYS,
+            length=uneven,
+            width=_UNEVEN_WIDTH,
+            **dict.fromkeys(("turn", "roll", "curl"), 50.0 * uneven),
         ),
         **own,
     )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.special import ndtri
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.groom.keys.problems import Place, Problems
@@ -145,13 +146,21 @@ def shapes(
         along, across = bends_of_skin(points, direction, blend["length"])
         curl = curl + follow * (along - cambers[0])
         hollow = follow * (across - cambers[1])
+    spread = normal_draws(entry, "width", own)
     if variants:
         own = (hashed(entry["seed"], _VARIANT_STREAM, own) % np.uint64(variants)).astype(np.int64)
+        spread = entry["variation"]["width"] * _even_draws(variants)[own]
         width = entry["width"] + _stepped(width - entry["width"], _WIDTH_STEP)
         curl = entry["curl"] + _stepped(curl - entry["curl"], _CURL_STEP)
         hollow = _stepped(hollow, _HOLLOW_STEP)
-    width = width * (1.0 + normal_draws(entry, "width", own))
+    width = width * (1.0 + spread)
     return np.maximum(width, 0.01), curl + normal_draws(entry, "curl", own), hollow
+
+
+def _even_draws(count: int) -> Array:
+    """(count,) quantiles of a normal distribution of mean 0, with a deviation of 1."""
+    found = ndtri((np.arange(count) + 0.5) / count)
+    return np.asarray(found / max(float(found.std()), 1e-9))
 
 
 def _stepped(values: Array, step: float) -> Array:
