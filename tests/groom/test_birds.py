@@ -50,6 +50,7 @@ def scarce(density: float, *but: str) -> str:
 
 
 BARE = scarce(0)
+NO_QUILLS = ", ".join(f"wing.{row}.count = 0" for row in ("primaries", "secondaries", "tertials"))
 MANY_QUILLS = (
     f'type = {{ base = "pigeon", wing.base = "pigeon", wing.primaries.count = 90, {BARE} }}'
 )
@@ -426,6 +427,22 @@ def test_sides_of_a_breast_are_as_the_breast_unless_the_type_says_otherwise(tmp_
             "nape = [0.094, 0, 2.9]",
             "nape: is 2.63 m from beak and tail, which are 0.3",
         ),
+        (r"^tail = .*\n", "", "bird.landmarks.tail: missing, expects an array of 3 numbers"),
+        (
+            "^right_heel",
+            "middle_wing = [[0, -1, 0], [1, -1, 0], [0, -2, 0]]\nright_heel",
+            "bird.landmarks.middle_wing: unknown key",
+        ),
+        (
+            r'^type = "pigeon"',
+            f'type = {{ base = "pigeon", wing.base = "pigeon", {NO_QUILLS} }}',
+            "bird.type.wing.primaries.count: 0, and secondaries and tertials have none either",
+        ),
+        (
+            r'^type = "pigeon"',
+            'type = { base = "pigeon", tracts.breast.relative_density = 10000000 }',
+            "bird.type.tracts.breast.relative_density: 10000000 is out of range. Give 0 to 100",
+        ),
         ('^prim = "/pigeon/body"', 'prim = "/pigeon/bdy"', "skin.prim: no prim /pigeon/bdy in "),
     ],
 )
@@ -435,6 +452,22 @@ def test_faults_of_a_bird_are_told(tmp_path, old, new, message):
         read_groom(changed(tmp_path, old, new))
     assert len(caught.value.problems) == 1
     assert message in str(caught.value.problems[0])
+
+
+@pytest.mark.usefixtures("wings_as_typed")
+def test_a_third_wing_and_a_species_that_extends_itself_are_told(tmp_path):
+    path = changed(tmp_path, r'^type = "pigeon"', 'type = "loop"')
+    (tmp_path / "bird").mkdir()
+    (tmp_path / "bird/loop.toml").write_text('base = "loop"\n')
+    with pytest.raises(InputError, match="base: preset cycle: loop -> loop"):
+        read_groom_file(path, [tmp_path], scene_readers())
+    third = 'id = "right_wing"\ntype = "pigeon"\nfold = 1\nside = "right"\nshoulder = [0, 0, 0.2]\n'
+    bald = changed(tmp_path, r'^type = "pigeon"', f'type = {{ base = "pigeon", {BARE} }}')
+    bald.write_text(f"{bald.read_text()}\n[[wing]]\n{third}")
+    with pytest.raises(InputError) as caught:
+        read_groom(bald)
+    (problem,) = caught.value.problems
+    assert str(problem).endswith("wing[0].id: 'right_wing' is taken by bird")
 
 
 @pytest.mark.parametrize(

@@ -241,7 +241,7 @@ BAD = [
     ("count = 10\ndensity = 5", "direction = [1, 0, 0]", "expects either density or count"),
     ("count = 10", "turn = 5", "holds none, expects one of direction"),
     ("count = 10\nlength = 0.5", "direction = [1, 0, 0]", "longer than the whole skin /skin"),
-    ("density = 1e8", "direction = [1, 0, 0]", "Lower a density or raise max_feathers"),
+    ("density = 1e8", "direction = [1, 0, 0]", "that max_feathers of [skin] allows. Lower it"),
     ("count = 10\nwhere = [{ primvar = 'toop' }]", "direction = [1, 0, 0]", "did you mean 'top'"),
     ("count = 10\nwhere = [{ subset = 'front' }]", "direction = [1, 0, 0]", "known: back"),
     ("count = 10\nwhere = [{ image = 'a.png' }]", "direction = [1, 0, 0]", "no primvars:st"),

@@ -28,7 +28,13 @@ def grow_limbs(
     """
     drafts: list[Draft] = []
     joints: list[tuple[Joint, Place]] = []
+    taken: dict[str, Place] = {}
+    for at, entry in reversed(parts["wing"]):  # those of [bird] come last
+        if taken.setdefault(entry["id"], at) is not at:
+            at.child("id").fail(f"'{entry['id']}' is taken by {taken[entry['id']].key}")
     for at, entry in parts["wing"]:
+        if taken[entry["id"]] is not at:
+            continue
         with at.problems.collecting():
             if parallel(entry["forward"], entry["up"]):
                 at.child("up").refuse("is parallel to forward. Give another vector")

@@ -113,6 +113,9 @@ def wing_type(given: Any, place: Place, library: Library) -> WingType:
         return given
     values = plain(library.merged("wing", sourced(given, place.source), place))
     values |= {name: FlightRow(**values[name]) for name in (*REMEX_ROWS, "alula")}
+    if not any(values[name].count for name in REMEX_ROWS):
+        told = "0, and secondaries and tertials have none either. Give a wing flight feathers"
+        place.child("primaries.count").refuse(told)
     values["coverts"] = tuple(CovertRow(**each) for each in values["coverts"])
     return WingType(**values)
 

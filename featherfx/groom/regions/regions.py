@@ -278,14 +278,14 @@ def _count(region: _Region) -> int:
 def _check_total(regions: Sequence[_Region], counts: Sequence[int], most: int, at: Place) -> None:
     if sum(counts) <= most:
         return
-    for region, count in zip(regions, counts, strict=True):
-        if count > most // 4:
-            key = "density" if region.entry["count"] is None else "count"
-            region.place.child(key).fail(f"asks for {count} feathers of the {most} that may be")
-    at.child("max_feathers").fail(
-        f"the regions ask for {sum(counts)} feathers, more than {most}."
-        " Lower a density or raise max_feathers"
-    )
+    large = [(r, count) for r, count in zip(regions, counts, strict=True) if count > most // 4]
+    for region, count in large:
+        key = "density" if region.entry["count"] is None else "count"
+        told = f"asks for {count} feathers of the {most} that max_feathers of [skin] allows"
+        region.place.child(key).fail(f"{told}. Lower it, or raise that")
+    if not large:
+        told = f"the regions ask for {sum(counts)} feathers, more than {most}"
+        at.child("max_feathers").fail(f"{told}. Lower a density or raise max_feathers")
 
 
 def _warn_of_nowhere(regions: Sequence[_Region], counts: Sequence[int], at: Place) -> None:
