@@ -56,6 +56,7 @@ _MAX_NAMED = 5
 _PLACES = "triangle", "barycentric", "position", "normal"
 _STEPS = 2  # between one region's colour and another's
 _MIN_FIT = 0.25  # of a feather's length, left where there is no room
+_MAX_CROWDED = 4.0  # times as dense, where so much shorter feathers cover less
 
 
 @dataclass(frozen=True)
@@ -78,10 +79,31 @@ class _Region:
             return self.kinds.weights(points) @ self.kinds.lengths
         return np.full(len(points), float(given))
 
-    def density(self, points: SurfacePoints) -> Array:
-        """(N,) feathers per m^2, 1 where the region is whole if it has a count instead."""
-        density = self.entry["density"]
-        return self.presence(points) * (1.0 if density is None else density)
+    def crowd(self, points: SurfacePoints) -> Array:
+        """(N,) presence where feathers that have no room for their length are as much denser."""
+        present, fit = self.presence(points), self.entry["max_length_per_free_radius"]
+        if fit is None:
+            return present
+        length = self.length(points)
+        return present * np.minimum((length / _fitted(length, points, fit)) ** 2, _MAX_CROWDED)
+
+    @cached_property
+    def crowded(self) -> float:
+        """Greatest of `crowd`, 1 at least."""
+        if self.entry["max_length_per_free_radius"] is None:
+            return 1.0
+        return max(1.0, *(float(self.crowd(each).max()) for each in self.surface.samples))
+
+    @property
+    def shape(self) -> list[Any]:
+        """All that its density depends on, besides its number."""
+        own = [self.entry[name] for name in ("length", "max_length_per_free_radius")]
+        return [
+            self.surface.source.points,
+            self.surface.source.triangles,
+            self.presence.inputs,
+            own,
+        ]
 
 
 @dataclass(frozen=True)
@@ -264,15 +286,14 @@ def _check_number(entry: dict[str, Any], place: Place) -> None:
 
 def _count(region: _Region) -> int:
     """Feathers that a region asks for; of a density kept between runs."""
-    entry, source = region.entry, region.surface.source
+    entry = region.entry
     if entry["count"] is not None:
         return int(entry["count"])
-    inputs = [source.points, source.triangles, region.presence.inputs, entry["density"]]
 
     def compute() -> dict[str, Any]:
-        return {"count": round(expected_count(region.surface, region.density))}
+        return {"count": round(entry["density"] * expected_count(region.surface, region.crowd))}
 
-    return int(kept("count", inputs, compute)["count"])
+    return int(kept("count", [region.shape, entry["density"]], compute)["count"])
 
 
 def _check_total(regions: Sequence[_Region], counts: Sequence[int], most: int, at: Place) -> None:
@@ -385,14 +406,16 @@ def _scattered(region: _Region, count: int) -> Scattered:
     # places of its own, or where regions pass into each other feathers would stand in pairs
     seed = entry["seed"] ^ crc32(entry["id"].encode())
     wanted = count if density is None else float(density)
-    inputs: list[Any] = [source.points, source.triangles, source.own_matrix, source.stage_matrix]
-    inputs += [region.presence.inputs, wanted, seed]
+    inputs = [region.shape, source.own_matrix, source.stage_matrix, wanted, seed]
 
     def compute() -> dict[str, Any]:
         if density is None:
             found = scatter(surface, region.presence, count, seed)
         else:
-            found = scatter_by_density(surface, region.presence, density, seed)
+            most = region.crowded
+            found = scatter_by_density(
+                surface, lambda points: region.crowd(points) / most, most * density, seed
+            )
         places = {name: getattr(found.points, name) for name in _PLACES}
         return {"number": found.number, **places}
 
