@@ -191,20 +191,14 @@ def _nested(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def merge_tables(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Return tables over others. One that names a preset as its `base` replaces what lies below it;
-    that of a colour is no name."""
+    """Return tables over others. One that names a `base` replaces what lies below it."""
     result = dict(below)
     for name, value in above.items():
         under = below.get(name)
-        if isinstance(value, dict) and isinstance(under, dict) and not _names_base(value):
+        if isinstance(value, dict) and isinstance(under, dict) and "base" not in value:
             value = merge_tables(under, value)
         result[name] = value
     return result
-
-
-def _names_base(table: dict[str, Any]) -> bool:
-    base = table.get("base")
-    return isinstance(getattr(base, "value", base), str)
 
 
 def _is_file(folder: Path, name: str) -> bool:

@@ -193,6 +193,8 @@ def test_colours_pass_into_each_other_where_parts_do(bird):
              for part in ("nape", "crown")}  # fmt: skip
     (nape, _), (crown, _) = (whole[part].most_common(1)[0] for part in ("nape", "crown"))
     assert (nape, crown) == ((0.18, 0.30, 0.30), (0.19, 0.23, 0.29))
+    films = {f.kind.colour.film for f in bird.feathers if f.region == "nape"}
+    assert films == {5.1e-7}  # where they pass into each other, too
     between = pytest.approx(0.5 * (np.array(nape) + crown))
     places = {f.id: f.position for f in bird.feathers}
     mixed = [
@@ -205,6 +207,12 @@ def test_colours_pass_into_each_other_where_parts_do(bird):
         for part in whole:
             own = [places[each] for each in colours if each.startswith(f"{part}_")]
             assert np.linalg.norm(np.array(own) - places[id], axis=1).min() < reach
+
+
+def test_feathers_of_a_part_differ_in_width(bird):
+    for part in TRACTS:
+        widths = [f.kind.width / f.kind.length for f in bird.feathers if f.region == part]
+        assert len(widths) < 40 or 0.03 < np.std(widths) < 0.05, part
 
 
 def tip(feather):

@@ -35,6 +35,7 @@ class KindStore:
     def __init__(self, library: Library) -> None:
         self._library = library
         self._changes: list[tuple[Tree, Place]] = []
+        self._shades: dict[int, Sourced] = {}
         self._kinds: dict[Any, FeatherKind | InputError] = {}
         self._adjusted: dict[Any, FeatherKind] = {}
 
@@ -42,6 +43,12 @@ class KindStore:
         """Registers a change to kinds; its number goes into KindChoice.changes."""
         self._changes.append((tree, place))
         return len(self._changes) - 1
+
+    def shade(self, base: tuple[float, ...], place: Place) -> int:
+        """Registers a base colour that leaves the rest of a kind's colour as it is."""
+        number = self.change({}, place)
+        self._shades[number] = Sourced(base, place.source)
+        return number
 
     def kind(self, choice: KindChoice) -> FeatherKind:
         """The chosen kind. Raises InputError."""
@@ -77,6 +84,8 @@ class KindStore:
         for number in changes:
             above, at = self._changes[number]
             tree = merge_tables(tree, above)
+            if number in self._shades:
+                tree["colour"] = {**tree.get("colour", {}), "base": self._shades[number]}
         return kind_of(name, library.finish("feather", tree, at), at)
 
     def adjusted(self, kind: FeatherKind, change: Change) -> FeatherKind:

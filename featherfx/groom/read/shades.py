@@ -16,7 +16,6 @@ import numpy as np
 
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.presets.kind_store import KindStore
-from featherfx.groom.presets.library import sourced
 from featherfx.groom.read.drafts import Draft
 
 _STEPS = 64  # of a painted colour
@@ -37,8 +36,7 @@ def shaded(
         mixed = any(region != draft.region for region, _ in draft.mixture)
         if mixed and draft.mixture not in numbers:
             base = _mean(bases, draft.mixture)
-            change = {"colour": {"base": base}} if base else {}
-            numbers[draft.mixture] = store.change(sourced(change, place.source), place)
+            numbers[draft.mixture] = store.shade(base, place) if base else store.change({}, place)
         if mixed:
             changes = (*draft.choice.changes, numbers[draft.mixture])
             draft = replace(draft, choice=replace(draft.choice, changes=changes))
@@ -55,8 +53,7 @@ def painted(drafts: list[Draft], place: Place, store: KindStore) -> list[Draft]:
             # few enough that feathers share their kinds
             base = tuple(round(round(each * _STEPS) / _STEPS, 4) for each in draft.paint)
             if base not in numbers:
-                change = {"colour": {"base": base}}
-                numbers[base] = store.change(sourced(change, place.source), place)
+                numbers[base] = store.shade(base, place)
             changes = (*draft.choice.changes, numbers[base])
             draft = replace(draft, choice=replace(draft.choice, changes=changes))
         result.append(draft)

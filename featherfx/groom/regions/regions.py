@@ -57,6 +57,7 @@ _PLACES = "triangle", "barycentric", "position", "normal"
 _STEPS = 2  # between one region's colour and another's
 _MIN_FIT = 0.25  # of a feather's length, left where there is no room
 _MAX_CROWDED = 4.0  # times as dense, where so much shorter feathers cover less
+_MIN_ADDED = 0.1  # of the feathers of a region, that this has to add
 
 
 @dataclass(frozen=True)
@@ -81,18 +82,23 @@ class _Region:
 
     def crowd(self, points: SurfacePoints) -> Array:
         """(N,) presence where feathers that have no room for their length are as much denser."""
-        present, fit = self.presence(points), self.entry["max_length_per_free_radius"]
-        if fit is None:
-            return present
-        length = self.length(points)
-        return present * np.minimum((length / _fitted(length, points, fit)) ** 2, _MAX_CROWDED)
+        present = self.presence(points)
+        return present if self.crowded == 1.0 else present * self._crowding(points)
 
     @cached_property
     def crowded(self) -> float:
-        """Greatest of `crowd`, 1 at least."""
+        """Greatest factor of `crowd`; 1 where it would add few feathers, and takes its time."""
         if self.entry["max_length_per_free_radius"] is None:
             return 1.0
-        return max(1.0, *(float(self.crowd(each).max()) for each in self.surface.samples))
+        samples, areas = self.surface.samples, self.surface.areas
+        present = np.array([self.presence(each) for each in samples])
+        factor = np.array([self._crowding(each) for each in samples])
+        added = float((present * (factor - 1.0) @ areas).sum())
+        return float(factor.max()) if added > _MIN_ADDED * float((present @ areas).sum()) else 1.0
+
+    def _crowding(self, points: SurfacePoints) -> Array:
+        length, fit = self.length(points), self.entry["max_length_per_free_radius"]
+        return np.minimum((length / _fitted(length, points, fit)) ** 2, _MAX_CROWDED)
 
     @property
     def shape(self) -> list[Any]:
@@ -291,7 +297,8 @@ def _count(region: _Region) -> int:
         return int(entry["count"])
 
     def compute() -> dict[str, Any]:
-        return {"count": round(entry["density"] * expected_count(region.surface, region.crowd))}
+        found = expected_count(region.surface, lambda at: entry["density"] * region.crowd(at))
+        return {"count": round(found)}
 
     return int(kept("count", [region.shape, entry["density"]], compute)["count"])
 
