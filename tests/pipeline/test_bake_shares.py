@@ -98,7 +98,7 @@ def test_shares_of_other_settings_or_missing_ones_are_not_joined(tmp_path):
 
 
 def test_a_share_that_holds_nothing_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"21/21 is out of range. Give 1/1 to 20/20"):
+    with pytest.raises(InputError, match=r"21/21 is no share\. Give I/N, I from 1"):
         featherfx.bake(WING, tmp_path / "wing.usda", feathers=(21, 21), **OPTIONS)
     assert list(tmp_path.iterdir()) == []
 

@@ -221,7 +221,7 @@ def test_a_cache_without_time_is_one_file(tmp_path, wing):
 
 
 def test_what_cannot_be_exported_is_told(tmp_path, caches, wing):
-    with pytest.raises(InputError, match=r"'\.fbx' is not one of \.abc, \.glb"):
+    with pytest.raises(InputError, match=r"'\.fbx' is not one of \.usd, .*\.abc, \.glb"):
         pipeline.export(wing, tmp_path / "out.fbx")
     with pytest.raises(InputError, match=r"4 to 9 is out of range\. Give frames from 1 to 5"):
         pipeline.export(caches["usda"], tmp_path / "out.obj", frames=(4, 9))
