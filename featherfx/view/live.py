@@ -214,6 +214,7 @@ class Live:
         with self._news:
             files = self.tuned.files()
         shutil.rmtree(changed, ignore_errors=True)
+        changed.mkdir(parents=True)
         for name, text in files.items():
             path = changed / name
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -78,8 +78,15 @@ class Problems:
 
     def nearest(self, name: str, names: Iterable[str]) -> str:
         """nearest() for the first names that are wrong; empty when so many have been looked for."""
+        return nearest(name, names) if self._may_search() else ""
+
+    def closest(self, name: str, names: Sequence[str]) -> str:
+        """The name most like another; empty for none, and when so many have been looked for."""
+        return next(iter(closest(name, names, 1)), "") if self._may_search() else ""
+
+    def _may_search(self) -> bool:
         self._searches += 1
-        return nearest(name, names) if self._searches <= MAX_SEARCHES else ""
+        return self._searches <= MAX_SEARCHES
 
 
 @dataclass(frozen=True)

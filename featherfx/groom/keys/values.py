@@ -395,10 +395,10 @@ class Table:
             at.fail(f"unknown key, did you mean '{meant}'?")
             return {meant: INVALID}
         below, around = (_keys_below(each, name) for each in (self.keys, place.around))
-        if around and not below and not closest(name, list(self.keys), 1):
+        if around and not below and not at.problems.closest(name, list(self.keys)):
             below = around
-        near = closest(name, [*self.keys, *_names_below(self.keys)], 1)
-        at.unknown_key(self.keys, below, _keys_below(self.keys, *near) if near else [])
+        near = at.problems.closest(name, [*self.keys, *_names_below(self.keys)])
+        at.unknown_key(self.keys, below, _keys_below(self.keys, near) if near else [])
         return {}
 
     def _meant(self, name: str, value: dict[str, Any]) -> str:
