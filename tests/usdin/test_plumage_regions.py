@@ -143,18 +143,6 @@ def test_feathers_fit_the_room(tmp_path):
     assert min(f.kind.length for f in shorter.feathers) == pytest.approx(0.0125)
 
 
-def test_feathers_without_room_for_their_length_are_denser(tmp_path):
-    write_skin(tmp_path, facing_spheres(0.02))
-    keys = "density = 5e4\nlength = 0.05\nmax_length_per_free_radius = 1.5"
-    places = roots(grown(tmp_path, region(keys=keys)))
-    places = places[np.linalg.norm(places, axis=1) < 1.01 * RADIUS]
-    cosine = places[:, 0] / np.linalg.norm(places, axis=1)
-    # within 18 degrees of the other sphere they are less than half as long, elsewhere whole
-    cap, bowl = 2.0 * np.pi * RADIUS**2 * np.array([1.0 - 0.95, 1.0])
-    assert (cosine > 0.95).sum() == pytest.approx(4.0 * 5e4 * cap, rel=0.1)
-    assert (cosine < 0.0).sum() == pytest.approx(5e4 * bowl, rel=0.05)
-
-
 def test_roots_inside_a_body_that_crosses_itself_are_left_out(tmp_path):
     write_skin(tmp_path, facing_spheres(-0.08))  # the second reaches 8 cm into the first
     with pytest.warns(InputWarning) as caught:

@@ -166,8 +166,7 @@ REGION_KEYS = {
     "max_length_per_free_radius": Key(
         Number(0.01, 100),
         "Feathers are no longer than this many times the radius of the largest ball that touches "
-        "the skin there from outside, though no shorter than a quarter of their length. A density "
-        "grows with the square of what they are shorter by, to four times at most.",
+        "the skin there from outside, though no shorter than a quarter of their length.",
         None,
     ),
     "width": Key(Number(0.01, 100), "Factor of the vanes' widths.", 1.0),

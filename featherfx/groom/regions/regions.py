@@ -56,8 +56,6 @@ _MAX_NAMED = 5
 _PLACES = "triangle", "barycentric", "position", "normal"
 _STEPS = 2  # between one region's colour and another's
 _MIN_FIT = 0.25  # of a feather's length, left where there is no room
-_MAX_CROWDED = 4.0  # times as dense, where so much shorter feathers cover less
-_MIN_ADDED = 0.1  # of the feathers of a region, that this has to add
 
 
 @dataclass(frozen=True)
@@ -80,36 +78,10 @@ class _Region:
             return self.kinds.weights(points) @ self.kinds.lengths
         return np.full(len(points), float(given))
 
-    def crowd(self, points: SurfacePoints) -> Array:
-        """(N,) presence where feathers that have no room for their length are as much denser."""
-        present = self.presence(points)
-        return present if self.crowded == 1.0 else present * self._crowding(points)
-
-    @cached_property
-    def crowded(self) -> float:
-        """Greatest factor of `crowd`; 1 where it would add few feathers, and takes its time."""
-        if self.entry["max_length_per_free_radius"] is None:
-            return 1.0
-        samples, areas = self.surface.samples, self.surface.areas
-        present = np.array([self.presence(each) for each in samples])
-        factor = np.array([self._crowding(each) for each in samples])
-        added = float((present * (factor - 1.0) @ areas).sum())
-        return float(factor.max()) if added > _MIN_ADDED * float((present @ areas).sum()) else 1.0
-
-    def _crowding(self, points: SurfacePoints) -> Array:
-        length, fit = self.length(points), self.entry["max_length_per_free_radius"]
-        return np.minimum((length / _fitted(length, points, fit)) ** 2, _MAX_CROWDED)
-
-    @property
-    def shape(self) -> list[Any]:
-        """All that its density depends on, besides its number."""
-        own = [self.entry[name] for name in ("length", "max_length_per_free_radius")]
-        return [
-            self.surface.source.points,
-            self.surface.source.triangles,
-            self.presence.inputs,
-            own,
-        ]
+    def density(self, points: SurfacePoints) -> Array:
+        """(N,) feathers per m^2, 1 where the region is whole if it has a count instead."""
+        density = self.entry["density"]
+        return self.presence(points) * (1.0 if density is None else density)
 
 
 @dataclass(frozen=True)
@@ -292,15 +264,15 @@ def _check_number(entry: dict[str, Any], place: Place) -> None:
 
 def _count(region: _Region) -> int:
     """Feathers that a region asks for; of a density kept between runs."""
-    entry = region.entry
+    entry, source = region.entry, region.surface.source
     if entry["count"] is not None:
         return int(entry["count"])
+    inputs = [source.points, source.triangles, region.presence.inputs, entry["density"]]
 
     def compute() -> dict[str, Any]:
-        found = expected_count(region.surface, lambda at: entry["density"] * region.crowd(at))
-        return {"count": round(found)}
+        return {"count": round(expected_count(region.surface, region.density))}
 
-    return int(kept("count", [region.shape, entry["density"]], compute)["count"])
+    return int(kept("count", inputs, compute)["count"])
 
 
 def _check_total(regions: Sequence[_Region], counts: Sequence[int], most: int, at: Place) -> None:
@@ -413,16 +385,14 @@ def _scattered(region: _Region, count: int) -> Scattered:
     # places of its own, or where regions pass into each other feathers would stand in pairs
     seed = entry["seed"] ^ crc32(entry["id"].encode())
     wanted = count if density is None else float(density)
-    inputs = [region.shape, source.own_matrix, source.stage_matrix, wanted, seed]
+    inputs: list[Any] = [source.points, source.triangles, source.own_matrix, source.stage_matrix]
+    inputs += [region.presence.inputs, wanted, seed]
 
     def compute() -> dict[str, Any]:
         if density is None:
             found = scatter(surface, region.presence, count, seed)
         else:
-            most = region.crowded
-            found = scatter_by_density(
-                surface, lambda points: region.crowd(points) / most, most * density, seed
-            )
+            found = scatter_by_density(surface, region.presence, density, seed)
         places = {name: getattr(found.points, name) for name in _PLACES}
         return {"number": found.number, **places}
 
