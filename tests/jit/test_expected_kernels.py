@@ -10,6 +10,7 @@ import featherfx
 from featherfx.jit.compiled import ARGUMENTS, kernel_entry
 from featherfx.jit.kernel_calls import TupleKind, describe_arguments, make_arguments
 from featherfx.mechanics.model import no_loads
+from featherfx.shot.loads.loads import frame_loads
 
 EXPECTED = json.loads(ARGUMENTS.read_text())
 ANEW = "Write them anew: featherfx lab measure calls"
@@ -24,6 +25,13 @@ def test_a_bake_calls_what_is_expected_of_it(tmp_path, work):
     featherfx.bake(shot, tmp_path / "o.usdc", frames=(1, 2), quality="draft", jobs=2)
     missing = {n for n, text in EXPECTED[work].items() if not kernel_entry(n).is_there(text)}
     assert missing == set(), ANEW
+
+
+@pytest.mark.parametrize("name", ["swan_wing", "breeze"])
+def test_loads_of_a_shot_have_the_types_that_are_compiled_ahead(name):
+    shot = featherfx.read_shot(SAMPLES / name / "shot.toml")
+    loads = frame_loads(shot, (), (), (), 0.0, 0.04)
+    assert describe_arguments((loads,)) == describe_arguments((no_loads(0),))
 
 
 def test_arguments_made_of_a_text_have_its_types():

@@ -45,7 +45,8 @@ def frame_loads(
     node, targets, stiffness, most = gripped(grips, feathers, start_points, start, end)
     force, force_change = dead_forces(forces, feathers, start, end)
     return Loads(
-        gravity=np.asarray(shot.gravity, dtype=float),
+        # a copy: kernels would be compiled once more for arrays that are read-only
+        gravity=np.array(shot.gravity, dtype=float),
         air=np.array([wind.air_density, wind.drag_normal, wind.drag_tangential, SHAFT_DRAG]),
         wind_mean=mean,
         wind_change=change,

@@ -75,7 +75,7 @@ class LiveSimulation(Simulation):
 
     def energy(self) -> Energy:
         """J, of all feathers that are solved, after the frame that was simulated last."""
-        gravity = np.asarray(self.shot.gravity, dtype=float)
+        gravity = np.array(self.shot.gravity, dtype=float)
         of_all = [energy_of(each.solver.model, each.state, gravity) for each in self._run.groups]
         return Energy(*np.sum(of_all, axis=0).tolist())
 
