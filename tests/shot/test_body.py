@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 from farm.farm_cases import SerialEngine, options_of
@@ -113,7 +115,11 @@ def shot(tmp_path):
 )
 def test_an_act_carries_skin_and_roots_as_one(shot, tmp_path, kind, up, unit):
     write_body(tmp_path / "body.usda", kind, up, unit)
-    read = featherfx.read_shot(shot)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        read = featherfx.read_shot(shot)
+    said = [each for each in told if "without its own animation" in str(each.message)]
+    assert len(said) == (kind != "still")
     first, last = (root_motion(read).frames(time) for time in (0.0, 0.25))
     turn = from_angles(TURN, "xyz")
     breast = next(k for k, each in enumerate(read.groom.feathers) if each.id == "breast")

@@ -15,6 +15,7 @@ a limb are moved as one. Other joints keep their places against those above them
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -24,6 +25,7 @@ from typing import Any, cast
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.errors import InputWarning
 from featherfx.shot.clock import StageClock
 from featherfx.shot.motion.joints import PosesOverTime, Skeleton, skeleton_of
 from featherfx.shot.motion.motion import joint_poses, without_body
@@ -186,6 +188,10 @@ def move_body(shot: Shot, skin: SkinSurfaces) -> tuple[SkinSurfaces, tuple[Timed
         return found.rotations[0], found.displacements[0]
 
     is_carried = values["body"] == "act"
+    if is_carried and any(each.sampled is not None for each in skin.surfaces):
+        told = "motion.body: the act carries the skin as it is at the first frame, without its own"
+        keep = 'animation. body = "skin" keeps that'
+        warnings.warn(f"{shot.source}: {told} {keep}", InputWarning, stacklevel=2)
 
     def moved(each: MovingSurface, clock: StageClock) -> MovingSurface:
         drive, tree = None, each.joint_tree
