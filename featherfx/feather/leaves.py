@@ -275,23 +275,25 @@ def _sew_tails(groom: Groom, points: Array, faces: Indices) -> tuple[Array, Indi
 
 
 def measure_cut_variation(groom: Groom) -> dict[str, Any]:
-    """Measure what leaves have no room for of the tilt, curl and roll of a coat's feathers.
+    """Measure what leaves have no room for of the tilt, curl and roll of the coat's feathers that a
+    groom has.
 
-    Returns how many `feathers` of the coat deviate less than asked, by `tip` (m) and `roll` (deg):
+    Returns how many `feathers` of them deviate less than asked, by `tip` (m) and `roll` (deg):
     median and worst of these, and which is worst. An empty dict where none does.
     """
     if groom.coat is None:
         return {}
-    cut = groom.coat.report.cut
     names = {each.leaf.number: each.id for each in groom.feathers if each.leaf is not None}
-    length = groom.coat.coat.follicles.length
+    own_leaves = sorted(names)  # a share of a bake has some of the leaves
+    cut = groom.coat.report.cut[own_leaves]
+    length = groom.coat.coat.follicles.length[own_leaves]
     lower, less = cut[:, 0] > _MIN_CUT * length, cut[:, 1] > _MIN_CUT
     found: dict[str, Any] = {"feathers": int((lower | less).sum()), "coat": len(cut)}
     for name, each, own in (("tip", cut[:, 0], lower), ("roll", np.degrees(cut[:, 1]), less)):
         if own.any():
             worst = int(each.argmax())
             found[name] = {"median": float(np.median(each[own])), "worst": float(each[worst])}
-            found[name]["feather"] = names[worst]
+            found[name]["feather"] = names[own_leaves[worst]]
     return found if found["feathers"] else {}
 
 

@@ -382,3 +382,19 @@ def test_variation_without_room_is_reported(sheet_shot, tmp_path, asked, length)
     assert report[own]["feather"].startswith("r_")
     asked_most = {"tip": length * np.sin(np.radians(40.0)), "roll": 40.0}[own]
     assert 0.1 * asked_most < report[own]["median"] < report[own]["worst"] < asked_most
+
+
+def test_variation_without_room_is_reported_by_share(sheet_shot, tmp_path):
+    shot = sheet_shot(lambda points, k: points, region="length = 0.03\nvariation = { tilt = 12 }")
+    path = tmp_path / "cache.usdc"
+    shares = [
+        featherfx.bake(shot, path, feathers=(k, 3)).report["variation_cut"] for k in (1, 2, 3)
+    ]
+    whole = featherfx.bake(shot, tmp_path / "whole.usdc").report["variation_cut"]
+    for name in ("coat", "feathers"):
+        assert sum(each[name] for each in shares) == whole[name]
+    worst = max((each["tip"] for each in shares), key=lambda each: each["worst"])
+    assert {"worst": worst["worst"], "feather": worst["feather"]} == {
+        "worst": whole["tip"]["worst"],
+        "feather": whole["tip"]["feather"],
+    }
