@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 
 import numpy as np
@@ -153,6 +154,51 @@ def test_a_skin_that_moves_the_body_writes_no_layer(shot, tmp_path):
     shot.write_text(SHOT.replace('body = "act"', ""))
     featherfx.bake(shot, tmp_path / "out.usdc")
     assert not list(tmp_path.glob("*.body*.usda"))
+
+
+FLOOR = """
+[[collider]]
+usd = "floor.usda"
+prims = ["/floor"]
+"""
+
+
+@pytest.mark.parametrize(
+    ("low", "away", "said"),
+    [
+        (-0.031, 0.0, "by 31 mm at frame 4. Give a path"),
+        (0.01, 0.0, ""),
+        # beside the floor and back, below it
+        (-0.031, 1.0, ""),
+    ],
+)
+def test_a_body_that_goes_through_the_floor_is_told(shot, tmp_path, low, away, said):
+    """It stands 5 mm within the floor at first, and goes down and up again."""
+    write_body(tmp_path / "body.usda", "still")
+    stage = Usd.Stage.CreateNew(str(tmp_path / "floor.usda"))
+    floor = UsdGeom.Mesh.Define(stage, "/floor")
+    corners = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]) * 0.5 - (0, 0, 0.045)
+    floor.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.float32(corners)))
+    floor.CreateFaceVertexCountsAttr([4])
+    floor.CreateFaceVertexIndicesAttr([0, 1, 2, 3])
+    UsdGeom.SetStageUpAxis(stage, "Z")
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    stage.Save()
+    beside = [
+        (0.04, (away, 0, 0)),
+        (0.125, (away, 0, low)),
+        (0.21, (away, 0, 0)),
+        (0.25, (0, 0, 0)),
+    ]
+    keys = [f"{{ time = {time}, position = {list(place)} }}" for time, place in beside]
+    start = "keyframes = [{ time = 0, position = [0, 0, 0] }, "
+    text = re.sub(r"keyframes = \[\n.*?\n\]", f"{start}{', '.join(keys)}]", SHOT, flags=re.S)
+    shot.write_text(text.replace("[motion]", f"{FLOOR}[motion]"))
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        featherfx.read_shot(shot)
+    found = [str(each.message) for each in told if "through" in str(each.message)]
+    assert [each.partition("/floor, ")[2][: len(said)] for each in found] == [said] * bool(said)
 
 
 def test_the_body_of_a_take_off_leaves_the_ground(shot, tmp_path):

@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from places import SAMPLES
+from places import ROOT, SAMPLES
 from pxr import Gf, Usd, UsdGeom, Vt
 
 import featherfx
 from featherfx.errors import InputWarning
+from featherfx.groom.keys.preset import UNSCALED_CLOCK
 from featherfx.shot.clock import FrameCuts, StageClock
 from featherfx.shot.contact.bodies import Bodies, FeathersOver
 from featherfx.shot.loop.simulate import simulate
@@ -122,6 +123,14 @@ gravity = [0, 0, 0]
 usd = "skin.usda"
 prim = "/b/skin"
 {keys}
+"""
+WINGS = """name = "b"
+[[wing]]
+id = "right_wing"
+type = "pigeon"
+shoulder = [0.03, -0.03, 0.03]
+fold = 1
+mirror = "y"
 """
 LAST = 7  # frame before the cut
 HALF_TURNS = {"x": (1, -1, -1), "y": (-1, 1, -1), "z": (-1, -1, 1)}
@@ -368,6 +377,29 @@ def test_keyframes_cut_from_place_to_place_without_swinging(way, turn, after, cu
     for frame in (5.0 + 1e-7, 5.5, 6.0, 7.5, 12.0):
         for found, then in zip(motion.frames(frame * FRAME), there, strict=True):
             np.testing.assert_allclose(found, then, atol=1e-12)
+
+
+def test_beats_that_are_fast_for_the_frames_are_no_cuts_and_leaps_of_a_body_are(tmp_path):
+    """Of an act: wings swing from top to bottom within a frame or two."""
+    (tmp_path / "groom.toml").write_text(WINGS)
+    leap = """[[motions]]
+kind = "keys"
+keyframes = [
+  {{ time = 0, position = [0, 0, 0] }},
+  {{ time = {}, position = [0, 0, 0] }},
+  {{ time = {}, position = [3, 0, 0] }},
+]"""
+    (tmp_path / "presets" / "motion").mkdir(parents=True)
+    for name, keys in (("off", ""), ("leap", leap.format(9 / 24, 10 / 24))):
+        own = (ROOT / "presets" / "motion" / "take_off.toml").read_text()
+        (tmp_path / "presets" / "motion" / f"{name}.toml").write_text(f"{own}{keys}\n")
+        (tmp_path / "shot.toml").write_text(
+            f'name = "s"\ngroom = "groom.toml"\nframes = [1, 40]\nmotion = "{name}"\n'
+        )
+        shot = read_shot(tmp_path / "shot.toml", [tmp_path / "presets"])
+        shot = with_cuts(replace(shot, motion=replace(shot.motion, clock=UNSCALED_CLOCK)))
+        cuts = [k for k in range(40) if shot.frame_cuts.is_cut(k)]
+        assert cuts == ([9] if keys else [])
 
 
 def test_keyframes_that_are_near_each_other_are_one_curve():

@@ -253,7 +253,7 @@ KEYS = [
 
 
 def test_keys_are_met_and_held_outside():
-    motion = motion_of("keys", {"keyframes": KEYS[::-1]})
+    motion = motion_of("keys", {"keyframes": KEYS})
     rest = motion_of("hold", {}).frames(0.0)
     for time in (-1.0, 0.0, 0.5):
         np.testing.assert_allclose(motion.frames(time)[0], rest[0], atol=1e-14)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import warnings
 from itertools import pairwise
 from pathlib import Path
 
@@ -30,6 +31,10 @@ name = "shot"
 groom = "groom.toml"
 frames = [1, 5]
 """
+KEYS = (
+    '{{ kind = "keys", keyframes = [{{ time = {}, position = [0, 0, 0] }},'
+    " {{ time = {}, rotation = [0, 0, 0] }}] }}"
+)
 
 
 def write(folder: Path, shot: str = SHOT, groom: str = GROOM) -> Path:
@@ -135,6 +140,11 @@ stiffness = 100
         ("rotation = [0, 1e6, 0]", "keyframes[1].rotation[1]: 1e+06 is out of range. Give -36000"),
         ("rotation = [1, 0, 0, 0]", "keyframes[0].rotation: counts turns beside angles only"),
         ("time = 0, rotation = [0, 9, 0]", "keyframes[1].time: 0 s has a rotation of this joint"),
+        (
+            "time = -1, rotation = [0, 9, 0]",
+            "keyframes[1].time: -1 s comes after 0 s of this joint",
+        ),
+        ("time = -1e6, rotation = [0, 9, 0]", "keyframes[1].time: -1e+06 is out of range. Give"),
     ],
 )
 def test_faults_of_keyframes(tmp_path: Path, second: str, said: str) -> None:
@@ -145,6 +155,31 @@ def test_faults_of_keyframes(tmp_path: Path, second: str, said: str) -> None:
     shot = f'{SHOT}\n[motion]\nkind = "keys"\nkeyframes = {keys}\n'
     (problem,) = found(write(tmp_path, shot))
     assert problem.startswith(f"shot.toml: motion.{said}")
+
+
+@pytest.mark.parametrize(
+    ("motion", "said"),
+    [
+        ('{ base = "shake", frequency = 12.5 }', "motion.frequency: 12.5 shakes a second look slo"),
+        (f"{KEYS.format(0, 1.2)}", "motion: goes on until frame 34, and the shot ends with frame"),
+        (f"{KEYS.format(-2, -1)}", "motion: is over at frame -19, before the first, 5. Give later"),
+        (
+            '{ base = "flap", beats = 2, start = 0.5 }',
+            "motion: goes on until frame 65, and the shot ends with frame 5. Give frames = [5, 65]",
+        ),
+        ('{ base = "shake", frequency = 12 }', ""),
+        (KEYS.format(-2, -2), ""),
+        (KEYS.format(0, 0.04), ""),
+        ('"flap"', ""),
+    ],
+)
+def test_motions_that_frames_do_not_show_are_told(tmp_path: Path, motion: str, said: str) -> None:
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        read_shot(write(tmp_path, f"{SHOT.replace('[1, 5]', '[5, 5]')}motion = {motion}\n"))
+    assert [str(each.message).partition("shot.toml: ")[2][: len(said)] for each in told] == (
+        [said] if said else []
+    )
 
 
 def test_names_of_the_groom_are_checked_where_the_groom_is_sound(tmp_path: Path) -> None:

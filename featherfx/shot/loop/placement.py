@@ -52,6 +52,7 @@ def place_feathers(shot: Shot) -> Shot:
         if shot.motion.moves_skin:
             move_body = load_name("motion.body:move_body")
             surfaces, colliders = move_body(replace(shot, groom=groom), surfaces)
+            load_name("motion.body_in_collider:warn_of_passage")(shot, surfaces, colliders)
         skin = surfaces.bind(groom)
     if skin is not None:
         _refuse_crowds(groom.feathers, str(shot.source), "skin", "since these shelter each other")

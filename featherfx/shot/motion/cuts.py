@@ -9,7 +9,8 @@ at k and at k + 1 are opposite, longer than a feather, and several times as long
 frames beside them. A jump by J adds J to the one and -J to the other, in flight as at rest. A
 motion that starts, stops, beats or bounces does not. Places are those of roots, and of points at a
 feather's length along and across its shaft, so that turns count as well. Those of colliders count,
-too. Where the frames of a stage end on one side, those of the other side tell.
+too. Where the frames of a stage end on one side, those of the other side tell. Beats, folds and
+swings of the shot's own motion are smooth, however fast: they are left out.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from featherfx.shot.motion.motion import uncut_motion
 from featherfx.shot.roots import RootFrames, Roots
 from featherfx.shot.skin import BoundSkin
 from featherfx.shot.sources import MovingSurface, TimedSurface
-from featherfx.shot.types import Shot
+from featherfx.shot.types import Motion, Shot
 
 # acceleration at a cut over that beside it, and over that and the way beside it where frames are on
 # one side only
@@ -225,6 +226,7 @@ def _led(surface: MovingSurface, clock: StageClock) -> MovingSurface:
 
 
 def _root_tracks(shot: Shot) -> list[CutTrack]:
+    shot = replace(shot, motion=_without_beats(shot.motion))
     if not shot.has_moving_roots:
         return []
     lengths = np.array([each.kind.length for each in shot.groom.feathers])
@@ -250,6 +252,14 @@ def _root_tracks(shot: Shot) -> list[CutTrack]:
         return f"root of feather '{ids[k]}'"
 
     return [CutTrack(places, np.tile(lengths, 3), clock, first, last, name, True)]
+
+
+def _without_beats(motion: Motion) -> Motion:
+    """A motion without what is smooth by itself."""
+    if motion.kind == "act":
+        parts = tuple(map(_without_beats, motion.values["motions"]))
+        return replace(motion, values=motion.values | {"motions": parts})
+    return motion if motion.kind in ("keys", "skin") else Motion("hold", {})
 
 
 def _collider_tracks(shot: Shot) -> list[CutTrack]:

@@ -48,7 +48,7 @@ _AFTER = 5e-9  # frames, of a cut after a frame
 
 
 def keyed(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
-    """Poses through keyframes, in any order, that the reader of the shot has checked.
+    """Poses through keyframes that the reader of the shot has checked.
 
     Curves before and after a cut are separate.
     """
@@ -73,9 +73,8 @@ def keyed(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
 
 
 def _keys(motion: Motion, joint: str) -> dict[str, Keyframes]:
-    """Keyframes of a joint in their order, by what they set."""
-    ordered = sorted(motion.values["keyframes"], key=lambda keyframe: keyframe["time"])
-    own = [each for each in ordered if each.get("joint", "") == joint]
+    """Keyframes of a joint, by what they set."""
+    own = [each for each in motion.values["keyframes"] if each.get("joint", "") == joint]
     return {what: [key for key in own if key.get(what) is not None] for what in _TRACKS}
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 from functools import partial
 from itertools import pairwise
@@ -74,6 +75,40 @@ def warn_of_aliases(motion: Motion, rate: float, source: str, tempo: float = 1.0
         remedy = f"Give more than {2.0 * fastest:.3g} frames_per_second"
         message = f"{source}: motion.{key[motion.kind]}: {told}. {remedy}"
         warnings.warn(message, InputWarning, stacklevel=2)
+
+
+def warn_of_length(motion: Motion, frames: tuple[int, int], rate: float, source: str) -> None:
+    """Warn of a motion that goes on after the last of frames, or is over before the first. rate:
+    1/s, frames."""
+    (first, last), ends = frames, list(_ends(motion))
+    end = first + rate * max((each for each in ends if each < math.inf), default=0.0)
+    if end > last + 1.0:
+        told = f"goes on until frame {math.ceil(end)}, and the shot ends with frame {last}. Give"
+        told += f" frames = [{first}, {math.ceil(end)}], or a higher tempo"
+    elif ends and max(ends) <= 0.0:
+        told = f"is over at frame {end:.4g}, before the first, {first}. Give later times or start"
+    else:
+        return
+    warnings.warn(f"{source}: motion: {told}", InputWarning, stacklevel=2)
+
+
+def _ends(motion: Motion) -> Iterator[float]:
+    """Yield when parts of a motion come to their ends, in s; inf: never."""
+    values, clock, own = motion.values, motion.clock, list[float]()
+    if motion.kind == "act":
+        own = [end for each in values["motions"] for end in _ends(each)]
+    elif motion.kind in ("keys", "fold"):
+        times = [each["time"] for each in values["folds" if motion.kind == "fold" else "keyframes"]]
+        own = [max(times)] if max(times) > min(times) else []
+    elif (
+        motion.kind == "flap"
+        and values["beats"]
+        and isinstance(values["wingbeat_frequency"], float | int)
+    ):
+        own = [values["beats"] / values["wingbeat_frequency"]]
+    elif motion.kind != "hold":
+        own = [math.inf]
+    yield from (clock.start + each / clock.tempo for each in own)
 
 
 def check_driven(
@@ -155,9 +190,9 @@ def _check_later(place: Place, times: list[float], name: str = "", unit: str = "
 def _check_keyframes(
     keyframes: tuple[dict[str, Any], ...], groom: Groom | None, place: Place
 ) -> None:
-    """Joints exist, times of one joint differ, rates and orders are clear."""
+    """Joints exist, times of one joint ascend, rates and orders are clear."""
     joints = {joint.name for joint in groom.joints} if groom is not None else set()
-    taken: set[tuple[str, str, float]] = set()
+    latest: dict[tuple[str, str], float] = {}
     orders: dict[str, str] = {}
     by_quaternion = {each["joint"] for each in keyframes if len(each["rotation"] or ()) == 4}
     for index, frame in enumerate(keyframes):
@@ -166,10 +201,15 @@ def _check_keyframes(
         if groom is not None and joint and joint not in joints:
             at.child("joint").unknown(f"no joint '{joint}' in the groom", joint, joints)
         for what in ("position", "rotation"):
-            if frame[what] is not None and (joint, what, time) in taken:
+            if frame[what] is None:
+                continue
+            before = latest.setdefault((joint, what), -math.inf)
+            if time == before:
                 at.child("time").fail(f"{time:g} s has a {what} of this joint already")
-            if frame[what] is not None:
-                taken.add((joint, what, time))
+            elif time < before:
+                told = f"{time:g} s comes after {before:g} s of this joint's {what}"
+                at.child("time").fail(f"{told}. Give keyframes in the order of their times")
+            latest[joint, what] = time
         rotation = frame["rotation"]
         if rotation is None and frame["position"] is None:
             at.fail("holds neither position nor rotation. Give one of them")

@@ -25,7 +25,7 @@ from featherfx.groom.types import Groom
 from featherfx.shot.patterns import fits
 from featherfx.shot.read.clocks import DEFAULT_RATE, ClockReader
 from featherfx.shot.read.keys import SHOT_FILE
-from featherfx.shot.read.motion import check_driven, read_motion, warn_of_aliases
+from featherfx.shot.read.motion import check_driven, read_motion, warn_of_aliases, warn_of_length
 from featherfx.shot.types import (
     CHANNELS,
     Channel,
@@ -142,8 +142,9 @@ def _collect(
         loads["targets"] = with_shapes(loads["targets"], place, readers)
     if len(problems) or motion is None:
         return None
-    warn_of_aliases(motion, scenes["frames_per_second"], str(path))
     first, last = parts["frames"]
+    warn_of_aliases(motion, scenes["frames_per_second"], str(path))
+    warn_of_length(motion, (first, last), scenes["frames_per_second"], str(path))
     as_they_are = (
         "name",
         "settle",
