@@ -117,6 +117,12 @@ class VaneMaterial:
         Number(0, 1),
         "Part of the vane's area that air passes: 0 is closed, 1 neither feels nor carries air.",
     ] = 0.0
+    attached_coefficient: Annotated[
+        float,
+        Number(0, 3),
+        "Most that air adds to the force coefficient across the vane while it flows along it from "
+        "edge to edge: some 0.8 for a plate; 0: the flow leaves the vane at every angle.",
+    ] = 0.0
     compression_guard: Annotated[
         float,
         Number(0, 1e12, "Pa"),

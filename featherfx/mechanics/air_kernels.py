@@ -191,7 +191,7 @@ def vane_areas(model, f, points, area, room, passed_on):
 
 @kernel
 def unit_normal(area):
-    """Area vector over its length; zero where there is no area."""
+    """Area vector, or another, over its length; zero where it has none."""
     size = length(area)
     return scale(1.0 / size if size > 0.0 else 0.0, area)
 
@@ -274,3 +274,28 @@ def blow(points, time, loads, f, velocity, model, around):
     for i in range(points.shape[0]):
         for p in range(points.shape[1]):
             around.speed[i, p] = length(sub(velocity[i, p], around.wind[i, p]))
+    if model.attached[f, 0] > 0.0:
+        for i in range(points.shape[0]):
+            _row_stream(points, i, velocity, around)
+
+
+@kernel
+def _row_stream(points, i, velocity, around):
+    """Write the stream of attached flow at the nodes of row i: (T m/s, w, z m/s)."""
+    columns, last = points.shape[1] // 2, points.shape[0] - 1
+    way = unit_normal(sub(points[min(i + 1, last), 0], points[max(i - 1, 0), 0]))
+    ends = sub(points[i, columns], points[i, 2 * columns])
+    middle = scale(0.5, add(points[i, columns], points[i, 2 * columns]))
+    through, whole, stream = 0.0, 0.0, around.stream[i]
+    for p in range(points.shape[1]):
+        u, size = sub(velocity[i, p], around.wind[i, p]), length(around.area[i, p])
+        n = unit_normal(around.area[i, p])
+        along = combined(1.0, u, -dot(u, n), n)
+        across = combined(1.0, along, -dot(along, way), way)
+        half, ahead = 0.5 * abs(dot(across, ends)), dot(across, sub(points[i, p], middle))
+        stream[p, 0], stream[p, 2] = length(across), -dot(u, n)
+        stream[p, 1] = 1.0 + min(max(ahead / half, -1.0), 1.0) if half > 0.0 else 1.0
+        through += size * dot(u, n)
+        whole += size
+    for p in range(points.shape[1]):
+        stream[p, 2] += through / whole if whole > 0.0 else 0.0

@@ -69,6 +69,7 @@ _POWERS: dict[str, float | Array] = {
     "rachis_area": 2.0,
     "air_volume": 3.0,
     "closed": 0.0,
+    "attached": 0.0,
     "retardation": 1.0,
     "relaxation_time": 0.0,
     "relaxation_weight": 0.0,
@@ -229,6 +230,7 @@ def _constants(
         rachis_area=feather.width * _row_length(length),
         air_volume=(1.0 - vane.permeability) * _air_volume(feather, cell_area),
         closed=np.array(1.0 - vane.permeability),
+        attached=np.array([vane.attached_coefficient, _lift_slope(feather, cell_area)]),
         cell_guard=_guard(feather, kind, touching),
     )
 
@@ -400,6 +402,13 @@ def _at_corners(cells: Array) -> Array:
     node[:, 1:, :-1] += first + second
     node[:, 1:, 1:] += second
     return node
+
+
+def _lift_slope(feather: Feather, cell_area: Array) -> float:
+    """Slope of the vane's lift by its angle, 1/rad, of its aspect ratio (Helmbold 1942)."""
+    area = float(cell_area.sum())
+    aspect = float(feather.barb_span.sum(axis=1).max()) ** 2 / area if area > 0.0 else 0.0
+    return 2.0 * np.pi * aspect / (2.0 + np.sqrt(aspect * aspect + 4.0))
 
 
 def _air_volume(feather: Feather, cell_area: Array) -> Array:

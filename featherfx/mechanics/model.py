@@ -77,6 +77,7 @@ class Model(NamedTuple):
     rachis_area: (F, n) m^2, side area of the rachis that the row stands for, for air drag.
     air_volume: (F, n, 1 + 2 m) m^3, of the air that the vane carries (air_kernels).
     closed: (F,) part of the vane's area that air does not pass: 1 - permeability.
+    attached: (F, 2) most and slope, 1/rad, of the coefficient of attached flow (node_kernels).
     retardation: (F, 2) s, Kelvin-Voigt times of rachis and vane (loss factor / first frequency).
     relaxation_time: (F, 2, B) s and relaxation_weight: (F, 2, B), of their Maxwell branches
     (solver/damping); B is 0 where no material has a band.
@@ -104,6 +105,7 @@ class Model(NamedTuple):
     rachis_area: Array
     air_volume: Array
     closed: Array
+    attached: Array
     retardation: Array
     relaxation_time: Array
     relaxation_weight: Array

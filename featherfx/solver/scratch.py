@@ -56,7 +56,8 @@ class StepEnvironment(NamedTuple):
     target, past: of the integrator. reference: strains that damping pulls towards. angles: (2, n,
     m) rad, of the hinges at the step's start, and gaps there. Of the nodes (air_kernels): wind
     (n, 1 + 2 m, 3) m/s, area (n, 1 + 2 m, 3) m^2, speed (n, 1 + 2 m) m/s, carried
-    (n, 1 + 2 m) kg, added mass, slip (n, 1 + 2 m) m/s^2, g; aside (n, 1 + 2 m, 3) m, scratch.
+    (n, 1 + 2 m) kg, added mass, slip (n, 1 + 2 m) m/s^2, g; aside (n, 1 + 2 m, 3) m, scratch;
+    stream (n, 1 + 2 m, 3), T m/s, w and z m/s of node_kernels.
     """
 
     target: RowPoints
@@ -70,6 +71,7 @@ class StepEnvironment(NamedTuple):
     carried: Array
     slip: Array
     aside: Array
+    stream: Array
 
 
 class LinearSystem(NamedTuple):
@@ -296,6 +298,7 @@ def make_scratch(model: Model) -> SolverScratch:
             carried=np.zeros((n, size)),
             slip=np.zeros((n, size)),
             aside=np.zeros((n, size, 3)),
+            stream=np.zeros((n, size, 3)),
         ),
         system=make_system(model.unknowns, _width(model)),
         secants=np.zeros((MAX_SECANT_PAIRS, 3, model.unknowns)),

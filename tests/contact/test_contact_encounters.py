@@ -22,8 +22,8 @@ def falling():
     shot = bird()
     feathers = tuple(f for f in shot.groom.feathers if f.id in PAIR)
     right, left = (next(f for f in feathers if f.id == name) for name in PAIR)
-    over = right.position - left.position + np.array([0.0, -0.08, 0.02])
-    down = over - np.array([0.0, 0.0, 0.03])
+    over = right.position - left.position + np.array([0.0, -0.08, 0.03])
+    down = over - np.array([0.0, 0.0, 0.04])
     # s, m, m/s: it swings past and comes back, and is at no time held still
     places = (
         (0.0, np.zeros(3), [0.0, 0.0, 0.0]),

@@ -50,14 +50,20 @@ def test_air_lowers_frequencies_and_decrements_alike():
     assert np.all(air.frequencies_hz < 0.75 * vacuum.frequencies_hz)
 
 
-def test_a_stream_presses_by_the_square_of_the_sine():
-    """1.2 sin^2 of the angle to a vane, which is not flat; the shaft adds to what goes along."""
-    turn = np.radians([90.0, 60.0, 30.0, -60.0])
-    found = measure_stream(StreamTest("swan_primary", "90,60,30,-60", 10.0))
-    expected = 1.2 * np.sin(turn) * np.abs(np.sin(turn))
-    assert found.cn == pytest.approx(expected, abs=0.06)
-    slow = measure_stream(StreamTest("swan_primary", "90,60,30,-60", 0.1))
+def test_a_stream_presses_on_a_flight_feather_as_on_a_plate():
+    """Helmbold's slope at 10 degrees, Lindenburg's plates (node_kernels) from 30 on, of aspect 7;
+    loose barbs have the square of the sine."""
+    turn, aspect = np.radians([30.0, 60.0, 90.0]), 7.4
+    found = measure_stream(StreamTest("swan_primary", "10,30,60,90,-60", 10.0))
+    slope = 2.0 * np.pi * aspect / (2.0 + np.sqrt(aspect**2 + 4.0))
+    sine, finite = np.sin(turn), 0.41 * (1.0 - np.exp(-17.0 / aspect))
+    plate = 1.98 * sine * (1.0 / (0.56 + 0.44 * sine) - finite)
+    expected = [slope * np.radians(10.0), *plate, -plate[1]]
+    assert found.cn == pytest.approx(expected, rel=0.1)
+    slow = measure_stream(StreamTest("swan_primary", "10,30,60,90,-60", 0.1))
     assert slow.cn == pytest.approx(found.cn, rel=1e-9)
+    loose = measure_stream(StreamTest("semiplume", "30,90", 10.0)).cn
+    assert loose[0] == pytest.approx(0.25 * loose[1], abs=0.06)
 
 
 @pytest.mark.parametrize("name", ["down", "contour", "semiplume"])

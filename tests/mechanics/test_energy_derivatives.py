@@ -153,7 +153,9 @@ class Nodes:
         shape = (2, 5)
         self.points = rng.normal(size=(*shape, 3))
         self.model = rod(2)._replace(
-            mass=rng.uniform(0.5, 1.5, (1, *shape)), rachis_area=rng.uniform(1, 2, (1, 2))
+            mass=rng.uniform(0.5, 1.5, (1, *shape)),
+            rachis_area=rng.uniform(1, 2, (1, 2)),
+            attached=np.array([[0.9, 3.0]]),
         )
         air, gravity = np.array([1.2, 1.5, 0.1, 1.1]), rng.normal(size=3)
         self.loads = no_loads(1)._replace(air=air, gravity=gravity, added_mass=np.ones(1))
@@ -168,6 +170,7 @@ class Nodes:
             speed=speed,
             carried=rng.uniform(0.5, 1.5, shape),
             slip=rng.normal(size=shape),
+            stream=rng.uniform(0.5, 2.0, (*shape, 3)),
         )
         self.factors = IntegratorFactors(3.0, 2.0, 0.0)
         self.force, self.stiff = np.zeros((*shape, 3)), np.zeros((*shape, 6))

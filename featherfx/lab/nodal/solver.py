@@ -113,6 +113,7 @@ class NodalSurroundings(NamedTuple):
     carried: Array
     slip: Array
     aside: Array
+    stream: Array
 
 
 class NodalWork(NamedTuple):
@@ -204,6 +205,7 @@ def make_nodal_work(model: Model, nodal: NodalModel) -> NodalWork:
             carried=np.zeros((n, size)),
             slip=np.zeros((n, size)),
             aside=np.zeros((n, size, 3)),
+            stream=np.zeros((n, size, 3)),
         ),
         system=make_system(unknowns, nodal.band + 1),
         element=StencilSums(

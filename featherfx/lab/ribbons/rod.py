@@ -128,6 +128,7 @@ def rod_model(rod: Rod, load: float = 0.0) -> Model:
         rachis_area=np.zeros((1, rows)),
         air_volume=np.zeros((1, rows, 1)),
         closed=np.ones(1),
+        attached=np.zeros((1, 2)),
         retardation=np.zeros((1, 2)),
         relaxation_time=np.zeros((1, 2, 0)),
         relaxation_weight=np.zeros((1, 2, 0)),

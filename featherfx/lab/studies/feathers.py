@@ -280,9 +280,7 @@ def _stream() -> Comparisons:
         "Air-permeable hole-pattern and nose-droop control (discovery.researcher.life), abstract"
     )
     of_one = f"{stork}, the foremost primary of a stork at a Reynolds number of 18,000"
-    note = (
-        "the air presses on vanes as on plates that it leaves behind them; no flow clings to them"
-    )
+    note = "air presses on vanes as on flat plates, and camber lifts nothing"
     rows = Comparisons()
     text = "largest lift coefficient of swan_primary in a stream across its shaft"
     rows.compare(text, float(lift.max()), 1.5, 0.2, published(f"{of_one}: 1.5"), note=note)

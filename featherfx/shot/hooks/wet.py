@@ -72,7 +72,11 @@ class Water(GroupLoad):
     def model(self, model: Model) -> Model:
         """Constant data at the present wetness, from those of dry feathers."""
         rule, wet = self._rule, self._wet
-        wetted = model._replace(mass=model.mass + rule.water * wet * self._vane)
+        drag = 1.0 - (1.0 - rule.drag) * wet
+        wetted = model._replace(
+            mass=model.mass + rule.water * wet * self._vane,
+            attached=model.attached * np.array([drag, 1.0]),
+        )
         left = 1.0 - (1.0 - rule.hooks) * wet
         hooks = model.hooks
         weaker = hooks._replace(
