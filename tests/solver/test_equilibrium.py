@@ -110,10 +110,38 @@ def in_wind(x, y, z):
     return no_loads(1, EARTH)._replace(air=AIR, wind_mean=np.array([x, y, z], dtype=float))
 
 
+def attached_pressure(model, wind, points, area):
+    """(n, 1 + 2 m, 3) N: 1/2 rho S w T^2 H E(a x / H) of node_kernels, x of the whole row, w from 2
+    at the leading edge to 0 at the trailing edge."""
+    (most, slope), found, last = model.attached[0], np.zeros_like(points), len(points) - 1
+    columns = points.shape[1] // 2
+    for i, (row, of_row) in enumerate(zip(points, area, strict=True)):
+        size = np.linalg.norm(of_row, axis=1)
+        if not size.any():
+            continue
+        n = of_row / np.maximum(size, 1e-300)[:, None]
+        shaft = points[min(i + 1, last), 0] - points[max(i - 1, 0), 0]
+        shaft /= np.linalg.norm(shaft)
+        through = n @ wind
+        way = wind - through[:, None] * n
+        way -= (way @ shaft)[:, None] * shaft
+        speed = np.linalg.norm(way, axis=1)
+        lead, trail = row[columns], row[2 * columns]
+        half = 0.5 * np.abs(way @ (lead - trail))
+        behind = np.einsum("pk,pk->p", way, row - 0.5 * (lead + trail))
+        weight = 1.0 - np.clip(behind / np.maximum(half, 1e-300), -1.0, 1.0)
+        steep = slope * (size @ through) / size.sum() / np.maximum(speed, 1e-300) / most
+        bend = np.interp(np.abs(steep), [0.75, 1.25], [0.0, 0.5])
+        level = np.sign(steep) * (np.minimum(np.abs(steep), 1.25) - bend**2)
+        found[i] = (0.6 * size * weight * speed**2 * most * level)[:, None] * n
+    return found
+
+
 def unbalanced(model, wind, settled):
     """Largest force that is left on a pose under the wind there, over the largest at the start.
 
-    Forces of the wind, worked out here: 1/2 rho S C_n |u.n| u.n n and the tangential part.
+    Forces of the wind, worked out here: 1/2 rho S C_n |u.n| u.n n, the tangential part, and that of
+    attached flow.
     """
     points, pressure = settled.points.nodes[0], np.zeros_like(settled.points.nodes)
     area = np.zeros_like(points)
@@ -127,6 +155,7 @@ def unbalanced(model, wind, settled):
         pressure[0, i, p] = 0.6 * size * AIR[1] * abs(u) * u * n
         along = np.array(wind) - u * n
         pressure[0, i, p] += 0.6 * (size * AIR[2] + shaft * AIR[3]) * speed * along
+    pressure[0] += attached_pressure(model, np.array(wind), points, area)
     balanced = no_loads(1, EARTH)._replace(force=pressure)
     _, residual = energy_and_gradient(model, balanced, settled)
     _, pull = energy_and_gradient(model, balanced, at_origin(model))
