@@ -133,6 +133,7 @@ class SkinMeans:
         from scipy.sparse import csr_array, diags_array
 
         stiff = make_stiffness(elements, faces, np.full(len(faces), reach**2))
+        self._masses = elements.masses
         self._solve: Callable[[Array], Array] = factorise(diags_array(elements.masses) + stiff)
         count = len(places.triangle)
         rows = np.repeat(np.arange(count), 3), faces[places.triangle].ravel()
@@ -147,6 +148,10 @@ class SkinMeans:
         """Means (V, ...) of data (N, ...); far from all places that of all."""
         found = self._solve(self._spread @ data) + self._least * np.mean(data, axis=0)
         return np.asarray((found.T / self.density).T)
+
+    def smooth(self, values: Array) -> Array:
+        """Means (V, K) of values (V, K) around, by the skin's area alone."""
+        return self._solve(self._masses[:, None] * values)
 
 
 def find_tilts(mesh: CoatMesh, carrier: Carrier, follicles: Follicles) -> Array:

@@ -38,9 +38,9 @@ class Sheet:
 
     bones, st, sampled, time_codes_per_second = None, None, (0.0, 1.0), 1.0
 
-    def __init__(self, moved) -> None:
-        x, y = np.meshgrid(GRID, GRID, indexing="ij")
-        self.rest = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+    def __init__(self, moved, hollow=0.0) -> None:
+        x, y = (each.ravel() for each in np.meshgrid(GRID, GRID, indexing="ij"))
+        self.rest = rolled(x, y, hollow)
         corner = (np.arange(STEPS - 1)[:, None] * STEPS + np.arange(STEPS - 1)).ravel()
         low = np.stack([corner, corner + STEPS, corner + 1], axis=1)
         high = np.stack([corner + 1, corner + STEPS, corner + STEPS + 1], axis=1)
@@ -48,6 +48,13 @@ class Sheet:
 
     def points(self, code: float) -> np.ndarray:
         return self._moved(self.rest, code)
+
+
+def rolled(x, y, hollow):
+    """Points (N, 3) of a plane rolled up about x, to a hollow of a curvature."""
+    half = 0.5 * hollow * y
+    chord = y * np.sinc(half / np.pi)
+    return np.stack([x, chord * np.cos(half), chord * np.sin(half)], axis=1)
 
 
 def turned(points, time):
@@ -64,12 +71,15 @@ def bent(points, time):
     return np.stack([x, points[:, 1], z], axis=1)
 
 
-def plumage(moved):
-    """Feathers in rows that point along x, as they lie on a sheet, and their coat in motion."""
+def plumage(moved, hollow=0.0, above=None):
+    """Feathers in rows that point along x, as they lie on a sheet, and their coat in motion.
+
+    hollow: curvature of the sheet at rest, 1/m. above: as of MovingCoat.
+    """
     one = read_shot(SAMPLES / "feather_pull" / "shot.toml").groom.feathers[0]
-    sheet, size = Sheet(moved), one.kind.length
+    sheet, size = Sheet(moved, hollow), one.kind.length
     x, y = np.meshgrid(np.arange(-0.3, 0.31, 0.4 * size), [-0.3 * size, 0.0, 0.25 * size])
-    places = np.stack([x.ravel(), y.ravel(), 0.0 * x.ravel()], axis=1)
+    places = rolled(x.ravel(), y.ravel(), hollow)
     feathers = tuple(
         replace(one, id=f"f{k}", position=place, grown=True) for k, place in enumerate(places)
     )
@@ -77,7 +87,7 @@ def plumage(moved):
     groom = lay_out(Groom("rows", Path("rows.toml"), feathers, skin=corners, layout=Layout()))
     drawn = build_feathers(groom.feathers, 11, 4)
     skin = CarriedPoints(groom.coat.coat.mesh.points, [TimedSurface(sheet, StageClock())])
-    return groom.feathers, drawn, MovingCoat(groom.coat.coat, skin, groom.feathers, drawn)
+    return groom.feathers, drawn, MovingCoat(groom.coat.coat, skin, groom.feathers, drawn, above)
 
 
 def drawn_at(parts, time, roots=None, step=1e-2, bend=None, led=None):
@@ -366,6 +376,21 @@ def test_feathers_that_channels_raise_stay_in_order(pitch, chosen):
             for up, at in (heights(each, 0.5) for each in (still, found))
         ]
         assert np.median(angles[1] - angles[0]) == pytest.approx(pitch, rel=0.2)
+
+
+def test_barbs_that_channels_raise_from_a_hollow_do_not_turn_over():
+    """Normals of a hollow meet over it, at less than half of the length of its feathers."""
+    parts = plumage(lambda points, time: points, hollow=12.0, above=np.empty((0, 3)))
+    placements, drawn, _ = parts
+    led = np.array([each.rotation for each in placements])
+    led = led @ vectors_to_frames(np.array([0.0, -np.radians(60.0), 0.0]))
+    turned = [place(f.rest, p.position, r) for f, p, r in zip(drawn, placements, led, strict=True)]
+    rest = drawn_at(parts, 0.0)[0]
+    found = drawn_at(parts, 0.0, bend=lambda _: stacked(turned), led=led)[0]
+    np.testing.assert_allclose(lengths(found), lengths(rest), rtol=1e-6, atol=1e-12)
+    assert np.median(found.nodes[:, -1, 0, 2] - rest.nodes[:, -1, 0, 2]) > 0.005
+    first = [each.nodes[:, :, 1::4] - each.nodes[:, :, :1] for each in (rest, found)]
+    assert np.sum(first[0] * first[1], axis=-1).min() > -1e-12
 
 
 @pytest.mark.parametrize(("asked", "length"), [("tilt", 0.03), ("roll", 0.03), ("roll", 0.006)])

@@ -202,6 +202,17 @@ def test_a_turn_of_the_root_is_no_pop_but_what_moves_besides_is(damaged, kind, b
     assert (damaged("mesh", move, kind=kind)["pops"]["count"] > 0) == (bend > 0.1)
 
 
+def test_a_rachis_whose_base_bends_a_little_to_either_side_is_no_pop(damaged):
+    def bend(values, number):
+        share = np.linspace(0.0, 1.0, len(values))[:, None]
+        chord = values[-1] - values[0]
+        side = np.cross(chord, (0.0, 0.0, 1.0))
+        beyond = np.maximum(share - 0.5, 0.0) ** 2 + 0.01 * (-1.0) ** number * share**2
+        return values[0] + share * chord + beyond * side
+
+    assert damaged("mesh", bend, kind=UsdGeom.BasisCurves)["pops"]["count"] == 0
+
+
 @pytest.mark.parametrize("factor", [0.5, 1.2])
 def test_velocities_are_held_against_the_motion(damaged, factor):
     report = damaged("one", lambda values, number: values * factor, "velocities")

@@ -13,8 +13,9 @@ all feathers deviate across their vanes, and are raised by, are two fields of li
 
     h = T (d + g(s)) + a w(s) + r v(s),   a = mean of z / w,   r = mean of what they are raised by,
 
-means over the skin by the weights w(s)^2 and v(s)^2. A vane rolls as far as leaves leave room, x of
-m as x / sqrt(1 + (x / m)^2). Solved rows at the roots have the
+means over the skin by the weights w(s)^2 and v(s)^2. A raised coat leaves its skin along normals
+that are smoothed more, since those of a hollow soon meet. A vane rolls
+as far as leaves leave room, x of m as x / sqrt(1 + (x / m)^2). Solved rows at the roots have the
 velocities of the integrator, which ring. Rates are differences of what is drawn.
 """
 
@@ -22,15 +23,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from featherfx.algebra.types import Array
 from featherfx.algebra.vectors import dots, face_products, unit
-from featherfx.coat.carrier import pose_carrier
-from featherfx.coat.ceiling import limit_rises
+from featherfx.coat.carrier import Carrier, pose_carrier
+from featherfx.coat.ceiling import find_ceiling, limit_rises
 from featherfx.coat.coat import Coat, draw, share_out
 from featherfx.coat.fields import SkinMeans, SkinPlaces
 from featherfx.coat.forms import make_plane_forms
@@ -101,7 +102,8 @@ class PosedFeathers:
 class MovingCoat:
     """Some feathers of a coat on a skin that moves.
 
-    placements, drawn: of the K feathers. ceiling: (V,) m, by which the coat may rise.
+    placements, drawn: of the K feathers. above: (N, 3) m, points that may lie over them at rest;
+    None where nothing raises them.
     """
 
     def __init__(
@@ -110,9 +112,8 @@ class MovingCoat:
         skin: CarriedPoints,
         placements: Sequence[Placement],
         drawn: Sequence[Feather],
-        ceiling: Array | float = np.inf,
+        above: Array | None = None,
     ) -> None:
-        self._ceiling = np.broadcast_to(ceiling, len(coat.mesh.points))
         self._coat, self._skin = coat, skin
         self._pool = ThreadPoolExecutor(count_cores())
         self._numbers = numbers = np.array([each.leaf.number for each in placements])
@@ -145,6 +146,12 @@ class MovingCoat:
         self._tips = self._means(self._place**4)
         left = coat.rooms[numbers] - np.abs(coat.deviations[numbers, 1])
         self._rooms = np.maximum(left, _LEAST_ROOM)
+        self._ceiling = np.full(len(coat.mesh.points), np.inf)
+        if above is not None:
+            reach = np.ones_like(self._ceiling)
+            np.maximum.at(reach, coat.mesh.faces[lain.feet], lain.places[..., None])
+            ways = self._find_ways(coat.rest)
+            self._ceiling = find_ceiling(coat, above, reach, ways)
 
     @cached_property
     def _raised(self) -> SkinMeans:
@@ -184,7 +191,8 @@ class MovingCoat:
             posed.append(PosedFeathers(points, own, moved))
         for time, each in zip(times, posed, strict=True):
             carrier = pose_carrier(self._coat.mesh, self._skin.at(span[1] + time))
-            arrays = self._coat.arrays(carrier, self._lift(each))
+            lift = self._lift(each)
+            arrays = self._coat.arrays(self._part(carrier, lift[:, 1]), lift)
             drawn.append(self._draw(arrays, self._motion(each)))
         now, before, *earlier = drawn
         if earlier:
@@ -192,6 +200,19 @@ class MovingCoat:
         else:
             second = both(lambda x: np.broadcast_to(np.nan, x.shape), now)
         return [now, both(lambda x, y: (x - y) / instant, now, before), second]
+
+    def _find_ways(self, carrier: Carrier) -> Array:
+        """Return (V, 3) unit, along which a raised coat leaves its carrier."""
+        return np.asarray(unit(self._tips.smooth(carrier.normals[:, :3])))
+
+    def _part(self, carrier: Carrier, raised: Array) -> Carrier:
+        """The carrier, with the ways along which its coat is raised, (V,) m, for normals."""
+        if not raised.any():
+            return carrier
+        smooth, own = np.hsplit(carrier.normals, 2)
+        share = (raised / (raised + self._coat.fields.thickness))[:, None]
+        ways = unit((1.0 - share) * smooth + share * self._find_ways(carrier))
+        return replace(carrier, normals=np.hstack([ways, own]))
 
     def _lift(self, posed: PosedFeathers) -> Array:
         """(V, 2) m, a and r of the coat."""

@@ -8,8 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags
-from featherfx.coat.ceiling import find_ceiling
-from featherfx.coat.coat import Coat
 from featherfx.errors import InputWarning, count_feathers
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import stacked
@@ -30,7 +28,9 @@ from featherfx.shot.roots import RootFrames, Roots, root_rates
 
 _TOLD_RATIO = 0.1  # of what channels ask for, that feathers miss without a warning
 _ROLLED = "the leaves around leave no room. Lower the density of their regions, or ruffle them"
-_RAISED = "wings, tail or rows lie over it. Open these first, or leave out the regions below"
+_RAISED = (
+    "wings, tail or rows lie over it, or the skin is hollow. Open these, or leave the regions out"
+)
 _CEILING_GRID = 21, 4  # rows and columns of what lies over a coat
 _RATES = "points", "velocities", "accelerations"
 
@@ -57,8 +57,8 @@ class CoatStage(Stage):
         own = [shot.groom.feathers[f] for f in self._members]
         coat = shot.groom.coat.coat
         skin = CarriedPoints(coat.mesh.points, surfaces)
-        ceiling = self._find_ceiling(coat) if shot.channels else np.inf
-        self._coat = MovingCoat(coat, skin, own, [run.drawn[f] for f in self._members], ceiling)
+        above = self._find_above() if shot.channels else None
+        self._coat = MovingCoat(coat, skin, own, [run.drawn[f] for f in self._members], above)
         self._motion: Roots = run.motion
         if shot.channels:  # which turn feathers on their leaves
             plain = undirected_motion(shot)
@@ -91,15 +91,15 @@ class CoatStage(Stage):
                 )
                 warnings.warn(message, InputWarning, stacklevel=2)
 
-    def _find_ceiling(self, coat: Coat) -> Array:
-        """Return (V,) m, by which a coat may rise under the feathers that are not of it."""
+    def _find_above(self) -> Array:
+        """Return (N, 3) m, points of the feathers that are not of the coat, at rest."""
         others = [each for each in self.run.shot.groom.feathers if each.leaf is None]
         shapes = build_feathers(others, *_CEILING_GRID) if others else []
         points = [
             place(shape.rest, own.position, own.rotation).nodes.reshape(-1, 3)
             for shape, own in zip(shapes, others, strict=True)
         ]
-        return find_ceiling(coat, np.concatenate([np.empty((0, 3)), *points]))
+        return np.concatenate([np.empty((0, 3)), *points])
 
     def _may_lie(self) -> Flags:
         """(F,) feathers of the coat that nothing but skin, loads, guides and channels moves."""

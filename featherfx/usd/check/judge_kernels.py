@@ -158,13 +158,15 @@ def keep_jumps(samples, owner, sizes, limits, worst):
         f = owner[v]
         own = _seen_from(sub(points[1][v], roots[1][f]), axes[1][f])
         before = _off_root(points[0][v], own, roots[0][f], axes[0][f])
-        size = length(add(before, _off_root(points[2][v], own, roots[2][f], axes[2][f])))
+        jump = _jump(points[0][v], points[1][v], points[2][v])
+        # axes of a curve may turn where the feather hardly moves
+        seen = length(add(before, _off_root(points[2][v], own, roots[2][f], axes[2][f])))
+        size = min(seen, length(jump))
         if size <= limits[0] * sizes[f]:
             continue
         if size <= limits[1] * length(_jump(roots[0][f], roots[1][f], roots[2][f])):
             continue
         _keep(size / sizes[f], samples.code, f, 2, worst)
-        jump = _jump(points[0][v], points[1][v], points[2][v])
         left = jump
         if rates[0].shape[0] > 0:
             left = sub(jump, scale(0.5 * samples.step, sub(rates[1][v], rates[0][v])))
