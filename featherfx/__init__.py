@@ -2,9 +2,9 @@
 
 `read_shot` and `read_groom` read files; a `Shot` or `Groom` may be made and changed in memory, too.
 `simulate` gives frames as arrays; `bake` writes a cache and opens it, `open_cache` opens an earlier
-one. `bake_many`, `check`, `stats`, `export`, `export_groom`, `join`, `plan`, `retime` and `sculpt`
-do what the commands of the same kind do; `build` and `expand` make meshes. All are loaded when
-first asked for, so that `import featherfx` stays light. docs/python.md shows them at work.
+one. `bake_flock`, `bake_many`, `check`, `stats`, `export`, `export_groom`, `join`, `plan`, `retime`
+and `sculpt` do what the commands of the same kind do; `build` and `expand` make meshes. All are
+loaded when first asked for, so that `import featherfx` stays light: see docs/python.md.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from featherfx._version import __version__
 
 if TYPE_CHECKING:
     from featherfx.api import build, read_groom, read_quality, read_shot, simulate
+    from featherfx.baking.flock import bake_flock
     from featherfx.baking.open_bake import bake
     from featherfx.baking.pipeline import check, export, export_groom, join, plan, retime, sculpt
     from featherfx.baking.stats import stats
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "api": "build read_groom read_quality read_shot simulate",
+    "baking.flock": "bake_flock",
     "baking.open_bake": "bake",
     "baking.pipeline": "check export export_groom join plan retime sculpt",
     "baking.stats": "stats",
@@ -64,6 +66,7 @@ __all__ = [
     "SimulationError",
     "__version__",
     "bake",
+    "bake_flock",
     "bake_many",
     "build",
     "check",

@@ -198,6 +198,7 @@ def scene_readers(note: Callable[[Path], object] = lambda path: None) -> SceneRe
         wind=reader("scenes", "open_wind", itself),
         camera=reader("scenes", "open_camera", itself),
         poses=reader("scenes", "read_poses", itself),
+        instances=reader("instances", "read_instances", itself),
         file=_located,
     )
 

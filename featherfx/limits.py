@@ -21,6 +21,7 @@ MAX_TOML_BYTES = 8_000_000
 MAX_NESTING = 64  # tables and arrays within each other, and parts of a dotted key
 MAX_BASES = 64  # presets that extend each other
 MAX_FEATHERS = 1_000_000
+MAX_BIRDS = 100_000  # of a flock
 CROWD_PAIRS, MAX_NEIGHBOURS = 500_000, 200  # of feathers that stand at one place
 MAX_ARRAY_BYTES = 500_000_000  # of one in an NPZ file
 MAX_TRIED = 4000  # shapes that `featherfx check` builds, feathers read of a groom with faults

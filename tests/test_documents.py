@@ -39,6 +39,7 @@ from featherfx.groom.keys.groom import GROOM_FILE
 from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import Table
+from featherfx.shot.flock.types import FLOCK_FILE
 from featherfx.shot.read.keys import SHOT_FILE
 from featherfx.usd.read.cache import Cache
 
@@ -294,7 +295,7 @@ def test_keys_on_the_pages_exist_and_have_allowed_values(block):
         # a page shows parts of tables
         return [str(each) for each in problems.listed() if ": missing, expects" not in str(each)]
 
-    tables = (GROOM_FILE, SHOT_FILE, Table(PRESET_FAMILIES["feather"].keys, "feather"))
+    tables = (GROOM_FILE, SHOT_FILE, FLOCK_FILE, Table(PRESET_FAMILIES["feather"].keys, "feather"))
     assert not min(map(wrong, tables), key=len)
 
 

@@ -54,6 +54,14 @@ def check(
     if path.suffix != ".toml":
         suffixes = ".toml, .usd, .usda and .usdc"
         return [Problem(str(path), "", f"suffix '{path.suffix}' is not one of {suffixes}")]
+    if "flock" in load_toml(path):
+        from featherfx.shot.read.flock import read_flock
+
+        try:
+            read_flock(path, folders, scene_readers())
+        except InputError as error:
+            return list(error.problems)
+        return []
     try:
         given = _shot_or_groom(path, folders)
         tried = None if given is None else _tried(given)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin, get_type_h
 from featherfx.errors import require_type
 from featherfx.groom.keys.problems import nearest
 from featherfx.groom.presets.folders import folders_of
-from featherfx.limits import MAX_BARBS, MAX_COLUMNS, MAX_JOBS, MAX_ROWS, option
+from featherfx.limits import MAX_BARBS, MAX_BIRDS, MAX_COLUMNS, MAX_JOBS, MAX_ROWS, option
 from featherfx.usd.write.options import StageOptions, WriteOptions
 
 if TYPE_CHECKING:
@@ -102,6 +102,19 @@ class BakeOptions(WriteOptions, DrawnOptions):
         None,
         "Bake the I-th of N shares of the feathers, to OUT.IofN.usdc; I-J/N: shares I to J.",
         form="I/N",
+    )
+
+
+@dataclass(frozen=True)
+class FlockOptions(BakeOptions):
+    """Options of the bake of a flock."""
+
+    birds: int | None = option(
+        None,
+        "Of a flock: birds of each group along a path.  [default: as the file says]",
+        least=1,
+        most=MAX_BIRDS,
+        metavar="N",
     )
 
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from featherfx.baking.export import export as export
     from featherfx.baking.export import export_groom as export_groom
     from featherfx.baking.export import measure_coverage as measure_coverage
+    from featherfx.baking.flock import bake_flock as bake_flock
     from featherfx.baking.plan import plan as plan
     from featherfx.baking.shares import join as join
     from featherfx.baking.stats import stats as stats
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "bake": "featherfx.baking.bake",
+    "bake_flock": "featherfx.baking.flock",
     "check": "featherfx.baking.check",
     "count_crossings": "featherfx.usd.check.measures",
     "error_of": "featherfx.baking.accuracy",

@@ -1,26 +1,32 @@
 """A bake as work for a farm: items that need no communication, and a job template.
 
 Every item bakes a share of the feathers to files of its own; the last joins them and waits for
-all others. The template follows the Open Job Description specification, jobtemplate-2023-09.
+all others. Of a flock a share is some of its caches, and the last item writes the
+stage. The template follows the Open Job Description specification, jobtemplate-2023-09.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from featherfx.api import Folders, open_document, shot_as_written
+from featherfx.api import Folders, open_document, scene_readers, shot_as_written
+from featherfx.baking.options import FlockOptions
 from featherfx.baking.task import default_output
 from featherfx.errors import InputError, Problem, require
 from featherfx.files.atomic_write import write_text
+from featherfx.groom.document import Document
 from featherfx.groom.presets.folders import SHIPPED_PRESETS, own_folders
 from featherfx.limits import TASK_HOURS
+from featherfx.shot.flock.types import FlockShot
 from featherfx.shot.loop.placement import place_feathers
 from featherfx.shot.partition.partition import most_shares, share_count
+from featherfx.shot.types import Shot
 from featherfx.usd.write.output import check_output, find_file_problems
 
 # of the environment, in which USD finds files that are not beside those that name them
@@ -70,18 +76,14 @@ def plan(
     item. overwrite: whether a plan that exists is replaced. Raises
     InputError where the shot or the number is wrong, or a file stands there.
     """
-    shot = shot_as_written(open_document("shot", shot_path, preset_folders))
+    document = open_document("shot", shot_path, preset_folders)
+    shot = _flock_as_written(document) if "flock" in document.tables else shot_as_written(document)
     shot_path = Path(os.path.abspath(shot_path))
     output = default_output(shot) if output is None else output
     output = Path(os.path.abspath(check_output(output, overwrite=True)))
     items, job = (output.with_suffix(suffix) for suffix in (".plan.json", ".openjd.json"))
     require(*find_file_problems([items, job], overwrite))
-    shot = place_feathers(shot)
-    most = len(shot.groom.feathers)
-    if not 1 <= shares <= most:
-        message = f"{shares} is out of range. Give 1 to {most}, the number of feathers"
-        raise InputError(Problem(str(shot_path), "plan", message))
-    shares, most = share_count(shot, shares), most_shares(shot)
+    shares, most = _count_shares(shot, shares, output)
     folders, search = own_folders(preset_folders), _search_path()
     searched = [*_searched([str(folder) for folder in folders]), *options]
     commands = [
@@ -90,14 +92,43 @@ def plan(
     paths = _paths(shot_path, output, folders, search)
     named = _parameters(paths, "Presets")
     tasks = (task_shares, round(3600 * task_hours))
-    template = job_template(shot.name, (shares, most), tasks, paths, [*_searched(named), *options])
-    work = work_items(commands, join_command(output, str(shares)))
+    given = [*_searched(named), *options]
+    last = (
+        join_command if isinstance(shot, Shot) else partial(stage_command, "{{Param.Shot}}", given)
+    )
+    template = job_template(shot.name, (shares, most), tasks, paths, given, last)
+    last = join_command if isinstance(shot, Shot) else partial(stage_command, shot_path, searched)
+    work = work_items(commands, last(output, str(shares)))
     if search:
         work["environment"] = {_SEARCH: os.pathsep.join(map(str, search))}
     texts = {items: work, job: template}
     for path, content in texts.items():
         write_text(path, json.dumps(content, indent=2) + "\n")
     return list(texts)
+
+
+def _flock_as_written(document: Document) -> FlockShot:
+    """Read the flock of a document. Raises InputError."""
+    from featherfx.shot.read.flock import read_flock
+
+    return read_flock(document.source, document.preset_folders, scene_readers())
+
+
+def _count_shares(shot: Shot | FlockShot, shares: int, output: Path) -> tuple[int, int]:
+    """Return the shares that a bake is cut into, and the most. Raises InputError for too many."""
+    if isinstance(shot, Shot):
+        shot = place_feathers(shot)
+        most, what = len(shot.groom.feathers), "feathers"
+    else:
+        from featherfx.baking.flock import list_caches
+
+        most, what = len(list_caches(shot, output.parent, FlockOptions())), "caches"
+    if not 1 <= shares <= most:
+        message = f"{shares} is out of range. Give 1 to {most}, the number of {what}"
+        raise InputError(Problem(str(shot.source), "plan", message))
+    return (
+        (share_count(shot, shares), most_shares(shot)) if isinstance(shot, Shot) else (shares, most)
+    )
 
 
 def bake_command(
@@ -118,6 +149,14 @@ def bake_command(
 def join_command(output: str | Path, shares: str) -> list[str]:
     """Command of the item that comes last."""
     return ["featherfx", "join", str(output), "--shares", shares, "--overwrite"]
+
+
+def stage_command(
+    flock: str | Path, options: Sequence[str], output: str | Path, shares: str
+) -> list[str]:
+    """Command of the item that comes last of a flock: it takes what is done."""
+    fixed = ["featherfx", "bake", str(flock), "-o", str(output)]
+    return [*fixed, "--resume", "--progress", "json", *options]
 
 
 def work_items(commands: Sequence[Sequence[str]], join: Sequence[str]) -> dict[str, Any]:
@@ -174,12 +213,14 @@ def job_template(
     tasks: tuple[int | None, int],
     paths: Sequence[dict[str, Any]],
     options: Sequence[str],
+    last: Callable[[str, str], list[str]],
 ) -> dict[str, Any]:
     """An Open Job Description template: a step with a task per share, and one that joins.
 
     shares: the default of the job's parameter Shares, and its greatest value. tasks: the shares of
     one, as task_shares of plan, and its seconds at most. paths: its parameters that are paths.
-    options: of every bake; with --jobs, a worker has to have as many processors.
+    options: of every bake; with --jobs, a worker has to have as many processors. last: the command
+    that joins, of an output and the number of shares.
 
     Its parameter Packages is what pip installs for the job; where it is empty, as at first, workers
     have featherfx already.
@@ -194,7 +235,7 @@ def job_template(
         chunked = {"extensions": ["TASK_CHUNKING"]}
     share = "{{Task.Param.Share}}/{{Param.Shares}}"
     bake = bake_command("{{Param.Shot}}", "{{Param.Output}}", share, options, "openjd")
-    join = join_command("{{Param.Output}}", "{{Param.Shares}}")
+    join = last("{{Param.Output}}", "{{Param.Shares}}")
     return {
         "specificationVersion": "jobtemplate-2023-09",
         **chunked,

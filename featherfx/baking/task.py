@@ -46,6 +46,7 @@ from featherfx.usd.write.output import (
 from featherfx.usd.write.unfinished_cache import refuse_unfinished
 
 if TYPE_CHECKING:
+    from featherfx.shot.flock.types import FlockShot
     from featherfx.shot.skin import BoundSkin
     from featherfx.usd.write.body import Bodies
     from featherfx.usd.write.previous_cache import PreviousCache
@@ -276,7 +277,7 @@ def part_path(path: Path, feathers: tuple[int, int]) -> Path:
     return path.with_name(f"{path.stem}.{feathers[0]}of{feathers[1]}{path.suffix}")
 
 
-def default_output(shot: Shot) -> Path:
+def default_output(shot: Shot | FlockShot) -> Path:
     """Name the output after the shot, with .usdc, in the current folder."""
     return Path(re.sub(r"[^\w.-]+", "_", shot.name) + ".usdc")
 

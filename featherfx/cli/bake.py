@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from featherfx.baking import pipeline
-from featherfx.baking.options import DRAWN, BakeOptions
+from featherfx.baking.options import DRAWN, BakeOptions, FlockOptions
 from featherfx.cli.options import (
     RealNumber,
     WholeNumber,
@@ -23,6 +23,7 @@ from featherfx.cli.options import (
 )
 from featherfx.cli.program import Command, tell
 from featherfx.cli.progress import Progress
+from featherfx.groom.read.toml_file import load_toml
 from featherfx.limits import MAX_JOBS, MAX_SHARES, TASK_HOURS
 from featherfx.usd.write.options import StageOptions
 
@@ -44,6 +45,7 @@ _NOTED = (
     featherfx bake shot.toml --frames 1-12 --quality draft --overwrite
     featherfx bake shot.toml -o wing.usdc --render-rows 120 --render-columns 16 --barbs 400
     featherfx bake shot.toml -o wing.usda --meters-per-unit 0.01 --up-axis Y --report wing.json
+    featherfx bake samples/flock/shot.toml --birds 20 -o flock.usda
     featherfx bake a.toml b.toml --engine dask --workers 2 -o caches
     """,
     sections={
@@ -63,6 +65,7 @@ _NOTED = (
 @options_of(BakeOptions, "frames", "resume", "overwrite")
 @jobs_option("Threads; the result does not depend on it.")
 @options_of(BakeOptions, "quality", "error")
+@options_of(FlockOptions, "birds")
 @presets_option
 @options_of(BakeOptions, "chunk", "subframes", "form", "group", *DRAWN)
 @options_of(BakeOptions, "velocities", "accelerations", "diagnostics", *_STAGE)
@@ -143,6 +146,12 @@ def bake(
     options["feathers"] = each_share[0]
     if strict and (plan or engine == "dask"):
         raise click.UsageError("--strict judges what is baked here. Use featherfx check --strict")
+    flocks = [each for each in shots if each.suffix == ".toml" and "flock" in load_toml(each)]
+    if flocks and (engine == "dask" or len(shots) > 1):
+        told = "--plan and --feathers cut a flock for farms. Bake one at a time"
+        raise click.UsageError(f"{flocks[0]} is a flock: {told}")
+    if not flocks and options.pop("birds") is not None:
+        raise click.UsageError(f"--birds is for flocks, and {shots[0]} has no [[flock]]")
     if engine == "dask":
         if plan:
             raise click.UsageError("--plan is for farms of other kinds. Leave out --engine dask")
@@ -162,9 +171,30 @@ def bake(
 
         write_plan(ctx, shots[0], style, {"shares": plan, **tasks}, options)
         return
-    passed = [_bake(shots[0], style, {**options, "feathers": share}) for share in each_share]
+    baked = _bake_flock if flocks else _bake
+    passed = [baked(shots[0], style, {**options, "feathers": share}) for share in each_share]
     if strict and any(passed):
         ctx.exit(1)
+
+
+def _bake_flock(flock: Path, style: str, options: dict[str, Any]) -> list[str]:
+    """Bake a flock; return the bounds that its caches pass."""
+    options["jobs"] = options["jobs"] or default_jobs()
+    with Progress("frames", style) as progress:
+        result = pipeline.bake_flock(flock, on_frame=progress, **options)
+    told = ", ".join(f"{count} {way}" for way, count in result["birds"].items() if count)
+    birds = sum(result["birds"].values())
+    tell(f"{result['output']}: {birds} birds ({told}) in {result['wall_seconds']:.1f} s")
+    if error := result["replay_error"]:
+        told = f"{error['percent_p50']:.2g} % of their length at the median, 99 % within"
+        far = f"{error['percent_p99']:.2g} %, where {error['bird']} is simulated"
+        tell(f"feathers of a replay are {told} {far}")
+    from featherfx.cli.bake_warnings import print_bake_notes
+
+    for each in result["caches"].values():
+        if any(each.get(key) for key in _NOTED):
+            print_bake_notes(each)
+    return [text for each in result["caches"].values() for text in each.get("bounds_passed", [])]
 
 
 def _bake(shot: Path, style: str, options: dict[str, Any]) -> list[str]:

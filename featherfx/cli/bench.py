@@ -20,6 +20,7 @@ from featherfx.lab.bench.options import BenchOptions
     featherfx bench -o measured
     featherfx bench --peers -o measured
     featherfx bench --contact
+    featherfx bench --birds --quick --json
     featherfx bench --skips samples/swan_wing/shot.toml
     featherfx bench --skips samples/pigeon/shot.toml --only "*guided" --frames 8
     featherfx bench --promise 40 --seed 7 --json
@@ -41,15 +42,16 @@ def bench(**values: Any) -> None:
     Tables are written as they come, so that a run that is broken off leaves those it had made.
     """
     options = BenchOptions(**values)
-    chosen = options.peers, options.contact, options.skips, options.promise
-    if sum(map(bool, chosen)) > 1:
-        raise click.UsageError("--peers, --contact, --skips and --promise exclude each other")
+    names = "peers", "contact", "birds", "skips", "promise"
+    if sum(bool(getattr(options, name)) for name in names) > 1:
+        told = ", ".join(f"--{name}" for name in names[:-1])
+        raise click.UsageError(f"{told} and --{names[-1]} exclude each other")
     if not options.skips and (options.frames, options.every) != (None, 1):
         raise click.UsageError("--frames and --every go with --skips")
     if options.only != "*" and not options.skips:
         raise click.UsageError("--only goes with --skips")
-    if options.as_json and not options.promise:
-        raise click.UsageError("--json goes with --promise")
+    if options.as_json and not (options.promise or options.birds):
+        raise click.UsageError("--json goes with --promise and --birds")
     from featherfx.cli.lab.benchmarks import run_benchmarks
 
     run_benchmarks(options)

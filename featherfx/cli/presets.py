@@ -104,7 +104,7 @@ def sample(name: str, output: Path | None) -> None:
     featherfx schema preset --family material/vane > vane.schema.json
     """,
 )
-@click.argument("kind", type=click.Choice(("groom", "shot", "preset")))
+@click.argument("kind", type=click.Choice(("groom", "shot", "flock", "preset")))
 @click.option(
     "--family", default="", help="Of presets, the folder that they stand in; default: any family."
 )

@@ -10,7 +10,7 @@ import click
 from featherfx._version import __version__
 from featherfx.baking.pipeline import read_shot
 from featherfx.cli.progress import Progress
-from featherfx.lab.bench import contact, experiments, peers
+from featherfx.lab.bench import birds, contact, experiments, peers
 from featherfx.lab.bench.options import BenchOptions
 from featherfx.lab.bench.promise import measure_promises
 from featherfx.lab.bench.report import (
@@ -40,6 +40,10 @@ def run_benchmarks(options: BenchOptions) -> None:
         with Progress("skips") as progress:
             rest = (options.only, options.frames, options.every)
             tables.append(skips_table(shots, progress, *rest))
+    elif options.birds:
+        with Progress("bakes") as progress:
+            some = birds.QUICK_BIRDS if options.quick else birds.FULL_BIRDS
+            tables.append(birds.birds_table(some, progress))
     elif options.contact:
         stacks = contact.QUICK_STACKS if options.quick else contact.FULL_STACKS
         tables += contact.contact_tables(stacks)
@@ -52,7 +56,7 @@ def run_benchmarks(options: BenchOptions) -> None:
                     write(output, tables, __version__)
                 progress(len(tables), _TABLES)
     if output is None:
-        click.echo(page(tables, __version__))
+        click.echo(json.dumps(tables[0].rows) if options.as_json else page(tables, __version__))
     else:
         for file in write(output, tables, __version__):
             click.echo(file)

@@ -90,6 +90,8 @@ def collect_groom(
     place = Place(str(path), "", library.problems)
     if raw.keys() >= _SHOT_KEYS:
         place.refuse("is a shot, expects a groom, as its key groom names one")
+    if "flock" in raw:
+        place.refuse("is a flock, expects a groom. featherfx bake and check take flocks")
     family = "groom" if _FEATHER_KEYS & raw.keys() else file_kind(raw, path, {})
     if family not in ("groom", ""):
         place.refuse(f"is a {family} preset, expects a groom")

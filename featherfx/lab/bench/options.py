@@ -15,6 +15,7 @@ class BenchOptions:
     quick: bool = option(False, "A smaller set of settings, in two minutes of one core.")
     peers: bool = option(False, 'Beside MuJoCo (extra "peers"): error against time of a strip.')
     contact: bool = option(False, "Ways to solve the contact forces of a stack, side by side.")
+    birds: bool = option(False, "Whole birds at each quality, beside a fine reference.")
     skips: tuple[Path, ...] = option(
         (),
         "What skipping work saves and costs on a shot; once for each shot.",
@@ -30,7 +31,7 @@ class BenchOptions:
     every: int = option(1, "Of --skips: every n-th feather of each shot alone.", least=1)
     as_json: bool = option(
         False,
-        "Of --promise: counts, and cases with their errors, as JSON.",
+        "Of --promise and --birds: what is measured, as JSON.",
         flag="--json",
     )
     seed: int = option(0, "First one, of --promise.", least=0)

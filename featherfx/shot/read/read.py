@@ -99,6 +99,8 @@ def _collect(
     if path.suffix.lower() in SCENE_SUFFIXES and path.is_file():
         place.refuse("is a USD file, expects a shot, which may name it as its groom")
     raw = load_toml(path) if tables is None else dict(tables)
+    if "flock" in raw:
+        place.refuse("is a flock, expects a shot. featherfx bake and bake_flock take flocks")
     kind = "shot" if {"groom", "frames"} & raw.keys() else file_kind(raw, path, {"shot": SHOT_FILE})
     if kind not in ("shot", ""):
         told = "a groom" if kind == "groom" else f"a {kind} preset"
@@ -111,9 +113,9 @@ def _collect(
     groom = _groom(raw, parts, place, library, readers)
     wind = quality = motion = None
     with problems.collecting():
-        wind = _preset("wind", raw, parts, place, library)
+        wind = read_preset("wind", raw, parts, place, library)
     with problems.collecting():
-        quality = _preset("quality", raw, parts, place, library)
+        quality = read_preset("quality", raw, parts, place, library)
     if (given := parts["motion"]) is not INVALID:
         with problems.collecting():
             motion = read_motion(raw.get("motion"), given, place.child("motion"), library, groom)
@@ -260,10 +262,10 @@ def _groom(
     return groom
 
 
-def _preset(
+def read_preset(
     family: str, raw: dict[str, Any], parts: dict[str, Any], place: Place, library: Library
 ) -> Any:
-    """The Wind or Quality of a shot; None where its key is wrong. Raises InputError."""
+    """The Wind or Quality of a checked file; None where its key is wrong. Raises InputError."""
     given, at = parts[family], place.child(family)
     if given is INVALID:
         return None

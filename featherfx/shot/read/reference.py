@@ -32,6 +32,7 @@ from featherfx.groom.keys.values import REQUIRED, JsonSchema, Key, Table, Tables
 from featherfx.groom.looks import BarbLook, Colour, Pattern
 from featherfx.groom.materials import Profile
 from featherfx.groom.types import GUIDE_KEYS, RACHIS_KEYS, Hooked, Splits, VaneShape
+from featherfx.shot.flock.types import FLOCK_FILE, FLOCK_KEYS
 from featherfx.shot.read import keys as shot_keys
 from featherfx.shot.read.keys import SHOT_FILE
 
@@ -82,6 +83,7 @@ _SHOT = (
     ("### [groom] of a shot", shot_keys.GROOM_USD),
     *_headed(shot_keys.SHOT),
 )
+_FLOCK = (("## Flock file", FLOCK_KEYS), *_headed(FLOCK_KEYS))
 _GROOM = (
     ("## Groom file", groom_keys.GROOM_KEYS),
     ("### [[joint]]", groom_keys.JOINT_KEYS),
@@ -206,7 +208,7 @@ def _limits() -> Iterator[str]:
 def reference() -> str:
     """The whole page as Markdown."""
     lines = [_HEAD]
-    for parts in (_SHOT, _GROOM, _FAMILIES):
+    for parts in (_SHOT, _FLOCK, _GROOM, _FAMILIES):
         lines += [_PRESETS] if parts is _FAMILIES else []
         for title, keys in parts:
             lines += [title, "", *_table(keys)]
@@ -250,7 +252,7 @@ _DIALECT = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
 
 
 def schema(kind: str, family: str = "") -> JsonSchema:
-    """The JSON Schema (draft 2020-12) of a "groom", "shot" or "preset" as TOML readers load it.
+    """The JSON Schema (draft 2020-12) of a flock, groom, shot or preset as TOML readers load it.
 
     family: of a preset, one of FAMILIES; empty: a preset of any family, which a preset file does
     not name itself (its folder does).
@@ -268,7 +270,7 @@ def schema(kind: str, family: str = "") -> JsonSchema:
         ]
         body = {"anyOf": files} if len(files) > 1 else files[0]
     else:
-        body = {"groom": GROOM_FILE, "shot": SHOT_FILE}[kind].schema(False)
+        body = {"flock": FLOCK_FILE, "groom": GROOM_FILE, "shot": SHOT_FILE}[kind].schema(False)
     return head | body | {"$defs": _definitions(body)}
 
 

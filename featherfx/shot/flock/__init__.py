@@ -1,0 +1,1 @@
+"""Flocks: many birds of a few shots, each on its path."""
