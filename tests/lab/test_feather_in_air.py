@@ -51,8 +51,8 @@ def test_air_lowers_frequencies_and_decrements_alike():
 
 
 def test_a_stream_presses_on_a_flight_feather_as_on_a_plate():
-    """Helmbold's slope at 10 degrees, Lindenburg's plates (node_kernels) from 30 on, of aspect 7;
-    loose barbs have the square of the sine. Half of what both sides differ by: camber adds alike."""
+    """Helmbold's slope at 10 degrees, Lindenburg's plates (node_kernels) from 30 on, of aspect 7.
+    Half of the two sides' difference: camber adds alike."""
     turn, aspect, angles = np.radians([30.0, 60.0, 90.0]), 7.4, "10,30,60,90,-10,-30,-60,-90"
     found = measure_stream(StreamTest("swan_primary", angles, 10.0))
     slope = 2.0 * np.pi * aspect / (2.0 + np.sqrt(aspect**2 + 4.0))

@@ -206,6 +206,7 @@ def test_the_page_is_of_today(tmp_path):
         [
             *("elastica", "frequencies", "fibre_merging", "fibre_space"),
             *("vane_mesoscale", "guard_truss", "feather_masses", "ribbon_shell", "tissue_laws"),
+            "feathers_in_air",
         ]
     )
     now = report.run_all(quick, tmp_path, compile_first=())

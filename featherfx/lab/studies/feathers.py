@@ -12,7 +12,6 @@ import numpy as np
 from featherfx.algebra.types import Array
 from featherfx.feather.build import build_feather
 from featherfx.groom.types import FeatherKind, VaneShape
-from featherfx.lab.feathers.air import stream_coefficients
 from featherfx.lab.feathers.feather import feather_kind
 from featherfx.lab.studies.study import Comparisons, StudyResult, ourselves, published
 from featherfx.mechanics.batch import make_model
@@ -145,7 +144,7 @@ def masses(folder: Path) -> StudyResult:
         note += f" {moving_fraction(_RISE[0] - _RISE[1]):.0%} to {moving_fraction(sum(_RISE)):.0%}"
         rows.compare(text, rise, *_RISE, _TRIMMED, unit="%", absolute=True, note=note)
         rows.report(f"first frequency of {preset}, clamped", whole, unit="Hz")
-    return StudyResult([*rows, *powers, *_keratin(), *_along(), *_stream(), *_train()])
+    return StudyResult([*rows, *powers, *_keratin(), *_along(), *_train()])
 
 
 # Dawson 2005: power of the length with which primaries of a wing weigh, mean and deviation
@@ -258,35 +257,6 @@ def _along() -> Comparisons:
     text = "its stiffness over that of a solid rod's section and over its density, tip over base"
     source = published(f"{gulls}: increases by a factor of 2")
     rows.compare(text, specific[-1] / specific[0], 2.0, 0.25, source, note=note)
-    return rows
-
-
-# deg between two directions of the stream
-_TURN = 2.0
-
-
-def _stream() -> Comparisons:
-    """A primary in a stream across its rachis."""
-    kind = feather_kind("swan_primary")
-    model = make_model([build_feather(kind, _ROWS, _COLUMNS)], [kind], _COEFFICIENTS)
-    found = []
-    for angle in np.radians(np.arange(-90.0, 90.0 + _TURN, _TURN)):
-        along = np.array([0.0, -np.cos(angle), np.sin(angle)])
-        across = np.array([0.0, np.sin(angle), np.cos(angle)])
-        force = stream_coefficients(model, along)
-        found.append((abs(float(force @ across)), float(force @ along)))
-    lift, drag = np.transpose(found)
-    stork = (
-        "Air-permeable hole-pattern and nose-droop control (discovery.researcher.life), abstract"
-    )
-    of_one = f"{stork}, the foremost primary of a stork at a Reynolds number of 18,000"
-    note = "air presses on vanes as on flat plates, and camber lifts nothing"
-    rows = Comparisons()
-    text = "largest lift coefficient of swan_primary in a stream across its shaft"
-    rows.compare(text, float(lift.max()), 1.5, 0.2, published(f"{of_one}: 1.5"), note=note)
-    text = "its largest lift over drag"
-    source = published(f"{of_one}: nearly 10")
-    rows.compare(text, float((lift / drag).max()), 10.0, 0.2, source, note=note)
     return rows
 
 

@@ -316,6 +316,8 @@ released_rod rods:released A rod let go
     chain of rigid links
 feather_masses feathers:masses Presets beside feathers that were weighed, shaken and pulled
     Harvey et al. 2022, data of AvInertia; abstracts of Deng et al. 2022 and others
+feathers_in_air feathers_in_air:in_air Feathers in air beside plates, strips and wings
+    Lindenburg 2003 (ECN-C--03-025); abstracts of Withers 1981 and others
 vane_locking vane:locking Locking of unaligned meshes
     Jouve 2024, figures 4.4 and 4.7; Jouve et al. 2024, figure 5
 vane_mesoscale vane:mesoscale Barbs and barbules as bands

@@ -1,0 +1,132 @@
+"""Feathers in air beside plates, strips and wings: force of a stream, frequencies, loss."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from featherfx.feather.build import build_feather
+from featherfx.groom.types import FeatherKind
+from featherfx.lab.feathers.air import GRID, StreamTest, measure_stream, stream_coefficients
+from featherfx.lab.feathers.feather import feather_kind
+from featherfx.lab.ribbons.rod import ModesTest, Rod, find_rod_modes
+from featherfx.lab.studies.study import Comparisons, StudyResult, independent, published
+from featherfx.mechanics.air_kernels import area_vectors
+from featherfx.mechanics.batch import make_model
+from featherfx.mechanics.model import Model
+from featherfx.mechanics.resolution import vane_width
+from featherfx.solver.step.modes import frequencies
+
+_FLIGHT = ("swan_primary", "primary", "secondary", "tail_feather")
+# kg/m^3; deg between two directions of a stream
+_AIR, _TURN = 1.225, 2.0
+_LINE = independent("Helmbold 1942: slope of a wing's lift by its aspect ratio")
+_PLATES = independent("Lindenburg 2003 (ECN-C--03-025): fit to plates of finite aspect ratio")
+_STRIPS = independent("strip theory: pi c^2 / 4 of air a metre, as a mass of every direction")
+_STORK = (
+    "Air-permeable hole-pattern and nose-droop control (discovery.researcher.life), abstract, "
+    "the foremost primary of a stork at a Reynolds number of 18,000"
+)
+_WITHERS = "Withers 1981 (J. exp. Biol. 90), summary, wings of birds at Reynolds numbers of 1-5e4"
+# middle and half width of Withers' largest lift coefficients and ratios of lift and drag
+_LIFT, _GLIDE = (1.0, 0.2), (10.0, 7.0)
+
+
+def in_air(folder: Path) -> StudyResult:
+    """Presets in a stream across the rachis, and vibrations in air and by loss."""
+    rows = Comparisons()
+    for name in _FLIGHT:
+        rows += _pressed(name)
+    for name in _FLIGHT:
+        rows += _slowed(name)
+    rows += _lifted("swan_primary")
+    rows += _lost()
+    return StudyResult(rows)
+
+
+def _model(name: str) -> tuple[FeatherKind, Model]:
+    kind, (rows, columns, coefficients) = feather_kind(name), GRID
+    return kind, make_model([build_feather(kind, rows, columns)], [kind], coefficients)
+
+
+def _pressed(name: str) -> Comparisons:
+    """Normal coefficients: half of what both sides differ by, since plates have no camber."""
+    kind, model = _model(name)
+    area = np.zeros((*model.mass[0].shape, 3))
+    area_vectors(build_feather(kind, *GRID[:2]).rest.nodes, model.cell_stiffness[0], area)
+    vane = kind.length * (1.0 - kind.calamus)
+    aspect = vane**2 / float(np.linalg.norm(area, axis=-1).sum())
+    angles = np.array([10.0, 30.0, 60.0, 90.0])
+    both = ",".join(f"{each:g}" for each in (*angles, *-angles))
+    cn = measure_stream(StreamTest(name, both)).cn
+    finite, rows = 0.41 * (1.0 - np.exp(-17.0 / aspect)), Comparisons()
+    for angle, found in zip(angles, 0.5 * (cn[:4] - cn[4:]), strict=True):
+        turn = np.radians(angle)
+        line = 2.0 * np.pi * aspect / (2.0 + np.sqrt(aspect**2 + 4.0)) * turn
+        sine = np.sin(turn)
+        plate = 1.98 * sine * (1.0 / (0.56 + 0.44 * sine) - finite)
+        expected, source = (line, _LINE) if angle < 30.0 else (plate, _PLATES)
+        note = f"aspect ratio {aspect:.2g}"
+        note += "; flow begins to leave the vane" if angle < 30.0 else ""
+        rows.compare(
+            f"normal coefficient of {name} at {angle:g} deg",
+            found,
+            expected,
+            0.1,
+            source,
+            note=note,
+        )
+    return rows
+
+
+def _slowed(name: str) -> Comparisons:
+    """First frequency with the air that the vane carries, moduli at rest."""
+    kind, model = _model(name)
+    feather, area = build_feather(kind, *GRID[:2]), np.zeros((*model.mass[0].shape, 3))
+    area_vectors(feather.rest.nodes, model.cell_stiffness[0], area)
+    strip = _AIR * np.pi / 4 * vane_width(feather)[:, None] * np.linalg.norm(area, axis=-1)
+    expected = frequencies(model._replace(mass=model.mass + strip), 0, 1)[0]
+    found, still = frequencies(model, 0, 1, _AIR)[0], frequencies(model, 0, 1)[0]
+    rows, note = (
+        Comparisons(),
+        f"{still:.3g} Hz in vacuum; air pushes along the vane's normal alone",
+    )
+    text = f"first frequency of {name} in air"
+    rows.compare(text, found, expected, 0.03, _STRIPS, unit="Hz", note=note)
+    return rows
+
+
+def _lifted(name: str) -> Comparisons:
+    """Lift across a stream, and drag along it."""
+    _, model = _model(name)
+    found = []
+    for angle in np.radians(np.arange(-90.0, 90.0 + _TURN, _TURN)):
+        along = np.array([0.0, -np.cos(angle), np.sin(angle)])
+        across = np.array([0.0, np.sin(angle), np.cos(angle)])
+        force = stream_coefficients(model, along)
+        found.append((abs(float(force @ across)), float(force @ along)))
+    lift, drag = np.transpose(found)
+    most, glide, rows = float(lift.max()), float((lift / drag).max()), Comparisons()
+    note = "air presses on vanes as on flat plates, and camber lifts nothing"
+    text = f"largest lift coefficient of {name} in a stream across its shaft"
+    rows.compare(text, most, 1.5, 0.2, published(f"{_STORK}: 1.5"), note=note)
+    wings = published(f"{_WITHERS}: 0.8 to 1.2")
+    rows.compare("the same, beside wings", most, *_LIFT, wings, absolute=True, note=note)
+    text = "its largest lift over drag"
+    rows.compare(text, glide, 10.0, 0.2, published(f"{_STORK}: nearly 10"), note=note)
+    wings = published(f"{_WITHERS}: 3 to 17")
+    rows.compare("the same, beside wings", glide, *_GLIDE, wings, absolute=True)
+    return rows
+
+
+def _lost() -> Comparisons:
+    """Decrements of a rod whose loss factor is 0.1 from 1 to 200 Hz."""
+    rod = Rod(0.3, ei=2e-3, ei2=5e-3, line_mass=0.01, segments=16)
+    found, rows = find_rod_modes(ModesTest(rod, 3, 0.1)), Comparisons()
+    source = independent("closed form: pi times the loss factor")
+    for mode, decrement in enumerate(found.decrements, 1):
+        text = f"decrement of mode {mode} of a rod with a loss factor of 0.1"
+        note = f"at {found.frequencies[mode - 1]:.3g} Hz"
+        rows.compare(text, decrement, 0.1 * np.pi, 0.03, source, absolute=True, note=note)
+    return rows
