@@ -287,21 +287,23 @@ def test_a_common_step_is_one_that_most_feathers_take_at_once(least, most):
 def test_a_feather_whose_contacts_were_left_out_has_less_patience_in_the_next_frame():
     rules, frame, patience = step_rules(32, ["one", "two"]), 1.0 / 24, np.full(2, 8.0)
     report, found = make_report(2), []
-    for work in (9000.0, 9000.0, 9000.0, 9000.0, 0.0, 0.0):
+    for work in (*6 * [9000.0], 0.0, 0.0):
         steps = FrameSteps(rules, 0.0, frame, StepPacing(), patience)
         report.iterations[:] = work, 10.0
         steps.spend([report], 0.0)
         assert steps.tired().tolist() == [work > 0.0, False]
         patience = steps.next_patience()
         found.append(patience.tolist())
-    assert [first for first, _ in found] == [4.0, 2.0, 1.0, 1.0, 2.0, 4.0]
+    assert [first for first, _ in found] == [4.0, 2.0, 1.0, 0.5, 0.25, 0.25, 0.5, 1.0]
     assert all(second == 8.0 for _, second in found)
 
 
-@pytest.mark.parametrize(("again", "halved"), [(30.0, False), (900.0, True)])
-def test_steps_are_bounded_by_one_that_was_dear_to_do_again(again, halved):
+@pytest.mark.parametrize(
+    ("livelier", "again", "halved"), [(1.0, 30.0, False), (1.0, 900.0, True), (5.0, 300.0, False)]
+)
+def test_steps_are_bounded_by_one_that_was_dear_to_do_again(livelier, again, halved):
     """Feathers would have longer ones, and most of these would be solved in vain; not so where a
-    few are in trouble, for which all others need no shorter ones."""
+    few are in trouble, for which all others need no shorter ones, however lively all become."""
     rules = step_rules(32, [str(f) for f in range(10)])
     state = SimpleNamespace(proposal=np.full(10, 1.0))
     none = ContactReport(0, 1, 10, 0.0, 0.0, 0.0, np.zeros(10), np.zeros(10))
@@ -315,7 +317,7 @@ def test_steps_are_bounded_by_one_that_was_dear_to_do_again(again, halved):
         length = steps.span.length
         lengths.append(length)
         # 80 iterations for each unit of time in an easy step
-        report.iterations[:] = 8.0 * length
+        report.iterations[:] = 8.0 * length * (livelier if k else 1.0)
         steps.spend([report], 0.0)
         report.iterations[:] = (again * length if k == 1 else 0.0) / 10.0
         steps.spend([report], 0.0)

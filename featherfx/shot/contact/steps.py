@@ -35,10 +35,10 @@ _LOST = 2.0
 # part of the feathers that should need no more than one step of their own in a common one, as each
 # costs a search of all; the next common step over the last, at least
 FEW_STEPS, SHRINK = 0.25, 0.25
-# iterations that a common step and what is done again of it take, over those that steps of which
-# nothing is done again take for the same time, beyond which the next may be half as long at most;
-# and how what they may be grows from step to step
-DEAR, GROW = 2.0, 1.1
+# work of what is done again of a common step, over that of its first try, beyond which the next may
+# be half as long at most; how what they may be grows from step to step; and Newton iterations that
+# take as long as what a try costs a feather beside them, most of all the search
+DEAR, GROW, SEARCH = 1.0, 1.1, 3.0
 # Newton iterations of a feather in a frame, over MAX_ITERATIONS, until its contacts are left out:
 # it is solved in rounds; and, over those, until the bake ends
 MORE_ITERATIONS, MAX_WORK = 4, 8
@@ -136,12 +136,10 @@ class StepRules:
 
 class StepPacing(NamedTuple):
     """State of common steps between two frames. proposal: s, the next length; 0: none. bound: s,
-    most that it may be. easy: 1/s, iterations of all feathers in steps of which nothing was done
-    again; 0: none yet."""
+    most that it may be."""
 
     proposal: float = 0.0
     bound: float = inf
-    easy: float = 0.0
 
 
 class FrameSteps:
@@ -158,14 +156,13 @@ class FrameSteps:
         duration = end - start
         self.shortest = duration / (rules.steps or rules.substeps)
         self.proposal = self.shortest if rules.steps else min(pace.proposal or duration, duration)
-        self._bound, self._easy = pace.bound, pace.easy
-        self._done = 1e-9 * duration
-        self._spent, self._work = np.zeros(len(rules.names)), 0.0
+        self._bound, self._done = pace.bound, 1e-9 * duration
+        self._spent, self._tries = np.zeros(len(rules.names)), list[float]()
 
     @property
     def pace(self) -> StepPacing:
         """Return the state for the next frame."""
-        return StepPacing(self.proposal, self._bound, self._easy)
+        return StepPacing(self.proposal, self._bound)
 
     def left(self) -> bool:
         """Return whether the end is not reached; chooses the next step."""
@@ -197,28 +194,24 @@ class FrameSteps:
         self.proposal = min(self.shortest, (2.0 if easy else 1.0) * length)
         if not self.rules.steps:
             wanted = max(self.proposal, self._wanted(states, reports))
-            self._learn(tried)
+            self._learn()
             self.proposal = min(wanted, self._bound)
         self.time = self.span.end
 
-    def _learn(self, tried: bool) -> None:
+    def _learn(self) -> None:
         """Bound the next steps where this one was too long: solved in vain, and then in parts.
         Where that concerns few feathers, shorter steps of all would take more."""
-        length = self.span.length
-        work, self._work = self._work / length, 0.0
-        if tried and 0.0 < DEAR * self._easy < work:
-            self._bound = max(0.5 * length, self.shortest)
-            return
-        self._bound = GROW * max(self._bound, length)
-        if not (tried and self._easy):
-            self._easy = 0.5 * (work + self._easy) if self._easy else work
+        length, tries, self._tries = self.span.length, self._tries, []
+        dear = sum(tries[1:]) > DEAR * sum(tries[:1])
+        bound = 0.5 * length if dear else GROW * max(self._bound, length)
+        self._bound = max(bound, self.shortest)
 
     def spend(self, reports: Sequence[StepReport], time: float) -> None:
         """Count the iterations of a try that began at a time (s). SimulationError for a feather
         that took too many in the frame, although its contacts were left out (tired)."""
         iterations = np.concatenate([report.iterations for report in reports])
         self._spent += iterations
-        self._work += float(iterations.sum())
+        self._tries.append(float(iterations.sum() + SEARCH * np.count_nonzero(iterations)))
         most = MAX_WORK * MORE_ITERATIONS * self.rules.iterations
         status = np.where(self._spent > most, TOO_MUCH_WORK, 0)
         raise_if_failed(status, np.full(len(status), time), self.rules.names, most)
