@@ -191,7 +191,8 @@ def straight(t):
 
 
 def curved(t):
-    return np.array([5.0 * np.cos(0.06 * t), 5.0 * np.sin(0.06 * t), 0.05 * t])
+    # at 4.3 m/s: where coverts without neighbours flutter, any two runs part
+    return np.array([3.0 * np.cos(0.06 * t), 3.0 * np.sin(0.06 * t), 0.05 * t])
 
 
 AWAY = (3.0, -2.0, 1.0)
