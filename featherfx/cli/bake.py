@@ -23,7 +23,6 @@ from featherfx.cli.options import (
 )
 from featherfx.cli.program import Command, tell
 from featherfx.cli.progress import Progress
-from featherfx.groom.read.toml_file import load_toml
 from featherfx.limits import MAX_JOBS, MAX_SHARES, TASK_HOURS
 from featherfx.usd.write.options import StageOptions
 
@@ -39,7 +38,6 @@ _NOTED = (
 
 @click.command(
     cls=Command,
-    short_help="Simulate a shot and write it to USD.",
     epilog="""
     featherfx bake samples/swan_wing/shot.toml -o swan_wing.usdc
     featherfx bake shot.toml --frames 1-12 --quality draft --overwrite
@@ -146,7 +144,7 @@ def bake(
     options["feathers"] = each_share[0]
     if strict and (plan or engine == "dask"):
         raise click.UsageError("--strict judges what is baked here. Use featherfx check --strict")
-    flocks = [each for each in shots if each.suffix == ".toml" and "flock" in load_toml(each)]
+    flocks = [each for each in shots if _is_flock(each)]
     if flocks and (engine == "dask" or len(shots) > 1):
         told = "--plan and --feathers cut a flock for farms. Bake one at a time"
         raise click.UsageError(f"{flocks[0]} is a flock: {told}")
@@ -175,6 +173,13 @@ def bake(
     passed = [baked(shots[0], style, {**options, "feathers": share}) for share in each_share]
     if strict and any(passed):
         ctx.exit(1)
+
+
+def _is_flock(shot: Path) -> bool:
+    """Return whether a file is one of a flock; bakes tell of those that cannot be read."""
+    from featherfx.groom.read.toml_file import load_toml  # which help does without
+
+    return shot.suffix == ".toml" and shot.is_file() and "flock" in load_toml(shot)
 
 
 def _bake_flock(flock: Path, style: str, options: dict[str, Any]) -> list[str]:

@@ -14,7 +14,6 @@ from featherfx.lab.bench.options import BenchOptions
 
 @click.command(
     cls=Command,
-    short_help="Measure run time against error.",
     epilog="""
     featherfx bench --quick
     featherfx bench -o measured

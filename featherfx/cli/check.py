@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
 @click.command(
     cls=Command,
-    short_help="Check grooms, presets, shots and USD files; measure caches.",
     epilog="""
     featherfx check samples/swan_wing/shot.toml
     featherfx check presets/feather/*.toml wing.usdc
@@ -279,7 +278,6 @@ _TITLES = {
 
 @click.command(
     cls=Command,
-    short_help="What a USD file holds for grooms and shots to name.",
     epilog="""
     featherfx inspect samples/pigeon/body.usdc
     featherfx inspect character.usda --json

@@ -33,7 +33,6 @@ from featherfx.usd.write.options import StageOptions
 
 @click.command(
     cls=Command,
-    short_help="Write a groom's feathers at rest to USD.",
     epilog="""
     featherfx groom samples/swan_wing/groom.toml -o feathers.usdc
     featherfx groom groom.toml -o feathers.usda --up-axis Y --meters-per-unit 0.01
@@ -97,7 +96,6 @@ def _measure_coverage(
 
 @click.command(
     cls=Command,
-    short_help="Write a cache in another form.",
     epilog="""
     featherfx export wing.usda -o wing_flat.usdc
     featherfx export wing.usdc -o wing_condensed.usdc --condensed
@@ -173,7 +171,6 @@ def export(
 
 @click.command(
     cls=Command,
-    short_help="Write a cache slower, faster, or as a loop.",
     epilog="""
     featherfx retime wing.usdc -o slow.usdc --speed 0.25
     featherfx retime wing.usdc -o ramp.usdc --keys 1:1,24:12,60:48
@@ -222,7 +219,6 @@ def retime(
 
 @click.command(
     cls=Command,
-    short_help="Write a cache with feathers that are corrected by hand.",
     epilog="""
     featherfx sculpt wing.usdc --with poses.usd -o sculpted.usdc
     featherfx sculpt wing.usdc --with poses.usd -o sculpted.usdc --fade 12

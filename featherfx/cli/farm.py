@@ -117,7 +117,6 @@ def bake_on_cluster(
 
 @click.command(
     cls=Command,
-    short_help="Join a cache that was baked in shares of its feathers.",
     epilog="featherfx join wing.usdc --shares 4",
 )
 @click.argument("output", type=click.Path(path_type=Path))

@@ -18,7 +18,6 @@ from featherfx.cli.progress import Progress, about
 
 @click.command(
     cls=Command,
-    short_help="Whether this install works, and what it is made of.",
     epilog="""
     featherfx doctor
     featherfx doctor --json > report.json
@@ -129,7 +128,6 @@ def install_command(host: str, into: Path | None, overwrite: bool) -> None:
 
 @click.command(
     cls=Command,
-    short_help="Print what makes a shell complete commands and options.",
     epilog="""
     featherfx completion bash >> ~/.bashrc
     featherfx completion zsh >> ~/.zshrc

@@ -77,7 +77,6 @@ def show_command(name: str, preset_folders: tuple[Path, ...], as_json: bool) -> 
 
 @click.command(
     cls=Command,
-    short_help="Copy a sample, a groom and a shot to start from.",
     help=f"""Copy the files of the sample NAME and print where they are.
 
     The copy can be baked as it is: featherfx bake DIR/shot.toml.
@@ -98,7 +97,6 @@ def sample(name: str, output: Path | None) -> None:
 
 @click.command(
     cls=Command,
-    short_help="Print the JSON Schema of grooms, shots or presets.",
     epilog="""
     featherfx schema shot > shot.schema.json
     featherfx schema preset --family material/vane > vane.schema.json
@@ -128,7 +126,6 @@ def schema(kind: str, family: str) -> None:
 
 @click.command(
     cls=Command,
-    short_help="Make a feather preset of a picture.",
     epilog="""
     featherfx trace gull_p9.jpg -o presets/feather/gull_p9.toml --length 0.343
     featherfx trace scan.png -o presets/feather/scan.toml --overlay scan_traced.png

@@ -25,7 +25,6 @@ from featherfx.render.options import PictureOptions
 
 @click.command(
     cls=Command,
-    short_help="Draw a USD file to pictures or films.",
     epilog="""
     featherfx preview swan_wing.usdc -o wing.png --frame 12
     featherfx preview swan_wing.usdc -o beat.png --sheet 8 --view front

@@ -28,7 +28,6 @@ from featherfx.errors import as_figure
 
 @click.command(
     cls=Command,
-    short_help="Counts, overlap and expected cost.",
     epilog="""
     featherfx stats samples/pigeon/shot.toml
     featherfx stats samples/pigeon/groom.toml --json
@@ -132,7 +131,6 @@ def _bake_lines(bake: dict[str, Any]) -> list[str]:
 
 @click.command(
     cls=Command,
-    short_help="Error of a shot, on a few of its feathers.",
     epilog="""
     featherfx error samples/swan_wing/shot.toml
     featherfx error samples/breeze/shot.toml --quality final --json

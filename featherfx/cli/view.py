@@ -33,7 +33,6 @@ _QUALITY = "draft"
 
 @click.command(
     cls=Command,
-    short_help="Play a cache, groom or shot in a browser, or write it as one HTML file.",
     epilog="""
     featherfx view swan_wing.usdc
     featherfx view swan_wing.usdc --html swan_wing.html
@@ -156,7 +155,6 @@ _OF_WING = "wing_primary_*"
 
 @click.command(
     cls=Command,
-    short_help="Change presets with sliders, in a browser, while feathers move.",
     epilog="""
     featherfx tune swan_primary
     featherfx tune wing/pigeon --motion flap

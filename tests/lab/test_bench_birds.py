@@ -19,5 +19,5 @@ def test_finer_qualities_come_nearer_to_the_reference(monkeypatch):
     draft, fine = rows
     assert 0.0 < fine["error"] < draft["error"] < 20.0
     for row in rows:
-        assert 0.0 < row["cpu_seconds"]
+        assert row["cpu_seconds"] > 0.0
         assert 5e7 < row["peak_memory_bytes"] < 4e9

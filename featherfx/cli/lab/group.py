@@ -69,7 +69,6 @@ def _list(context: click.Context, _: click.Parameter, value: bool) -> None:
 
 @click.group(
     cls=Lab,
-    short_help="Virtual experiments on rods and feathers.",
     epilog="""
     featherfx lab --list
     featherfx lab rod --length 1 --ei 1 --tip-force 0,0,-2 --json
