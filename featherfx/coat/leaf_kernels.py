@@ -195,8 +195,9 @@ def _round(carrier, triangle, b, x):
 
 
 @kernel
-def leaf_point(carrier, triangle, b, leaf):
-    """The point of a leaf (p, c) over a foot, n, the gradient of h (3,) and s."""
+def over_foot(carrier, triangle, b, leaf):
+    """The point of a leaf (p, c) over a foot, n and s; the shares of T, a and r in h, and the rate
+    of h by phi."""
     face = carrier.faces[triangle]
     normal = unit(_mixed(b, carrier.normals, face, 0))
     x = _round(carrier, triangle, b, _mixed(b, carrier.points, face, 0))
@@ -207,13 +208,32 @@ def leaf_point(carrier, triangle, b, leaf):
     ahead = max(s, 0.0)
     raised, raising = _raised_share(s)
     height = thickness * (DOWN_SHARE + g) + lift * ahead * ahead + rise * raised
-    by_s = (thickness * rate + 2.0 * lift * ahead + rise * raising) / gain
-    slope = 0.0, 0.0, 0.0
+    by_phi = (thickness * rate + 2.0 * lift * ahead + rise * raising) / gain
+    return (
+        combined(1.0, x, height, normal),
+        normal,
+        s,
+        (DOWN_SHARE + g, ahead * ahead, raised),
+        by_phi,
+    )
+
+
+@kernel
+def slope_over(carrier, triangle, s, shares, by_phi):
+    """The gradient of h (3,) over a foot, of what over_foot returns."""
+    face, slope = carrier.faces[triangle], (0.0, 0.0, 0.0)
     for k in range(3):
         own, hat = carrier.fields[face[k]], carrier.gradients[triangle, k]
-        change = (DOWN_SHARE + g) * own[2] + ahead * ahead * own[4] + raised * own[5]
-        slope = combined(1.0, slope, change + by_s * (own[0] - s * own[1]), hat)
-    return combined(1.0, x, height, normal), normal, slope, s
+        change = shares[0] * own[2] + shares[1] * own[4] + shares[2] * own[5]
+        slope = combined(1.0, slope, change + by_phi * (own[0] - s * own[1]), hat)
+    return slope
+
+
+@kernel
+def leaf_point(carrier, triangle, b, leaf):
+    """The point of a leaf (p, c) over a foot, n, the gradient of h (3,) and s."""
+    point, normal, s, shares, by_phi = over_foot(carrier, triangle, b, leaf)
+    return point, normal, slope_over(carrier, triangle, s, shares, by_phi), s
 
 
 @kernel

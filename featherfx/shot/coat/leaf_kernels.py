@@ -17,7 +17,7 @@ from typing import NamedTuple
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vector_kernels import add, combined, cross, dot, length, scale, store, sub
 from featherfx.coat.forms import PlaneForms
-from featherfx.coat.leaf_kernels import leaf_point, unit, without
+from featherfx.coat.leaf_kernels import over_foot, slope_over, unit, without
 from featherfx.jit.compiled import kernel
 
 _NO_LENGTH = 1e-12  # m, of a piece that has no direction
@@ -69,12 +69,12 @@ class ImageRoom(NamedTuple):
 
 @kernel
 def _leaf_frame(carrier, leaves, f, i, j):
-    """Point of the leaf at a node's foot, the frame F there, and the leaf's normal."""
+    """Point of the leaf at a node's foot, and the frame F there; the other results of over_foot."""
     b, t = leaves.weights[f, i, j], leaves.feet[f, i, j]
-    point, n, slope, _ = leaf_point(carrier, t, (b[0], b[1], b[2]), (leaves.values[f], 0.0))
+    point, n, s, shares, by_phi = over_foot(carrier, t, (b[0], b[1], b[2]), (leaves.values[f], 0.0))
     face = carrier.faces[t]
     side = unit(without(sub(carrier.points[face[1]], carrier.points[face[0]]), n))
-    return point, (side, cross(n, side), n), unit(sub(n, slope))
+    return point, (side, cross(n, side), n), (s, shares, by_phi)
 
 
 @kernel
@@ -104,10 +104,11 @@ def _from_axes(parts, axes):
 def _draw_images(carrier, leaves, f, room):
     for i in range(room.image.shape[0]):
         for j in range(room.image.shape[1]):
-            point, axes, up = _leaf_frame(carrier, leaves, f, i, j)
+            point, axes, (s, shares, by_phi) = _leaf_frame(carrier, leaves, f, i, j)
             store(room.image[i, j], add(point, _from_axes(leaves.offsets[f, i, j], axes)))
             if j == 0:
-                store(room.up[i], up)
+                slope = slope_over(carrier, leaves.feet[f, i, j], s, shares, by_phi)
+                store(room.up[i], unit(sub(axes[2], slope)))
 
 
 @kernel
