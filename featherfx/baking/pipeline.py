@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from featherfx.baking.accuracy import error_of as error_of
     from featherfx.baking.bake import bake as bake
     from featherfx.baking.check import check as check
-    from featherfx.baking.check import explain_options as explain_options
-    from featherfx.baking.check import explained_lines as explained_lines
+    from featherfx.baking.explain import explain_options as explain_options
+    from featherfx.baking.explain import explained_lines as explained_lines
     from featherfx.baking.export import export as export
     from featherfx.baking.export import export_groom as export_groom
     from featherfx.baking.export import measure_coverage as measure_coverage
@@ -41,8 +41,8 @@ _HOMES = {
     "check": "featherfx.baking.check",
     "count_crossings": "featherfx.usd.check.measures",
     "error_of": "featherfx.baking.accuracy",
-    "explain_options": "featherfx.baking.check",
-    "explained_lines": "featherfx.baking.check",
+    "explain_options": "featherfx.baking.explain",
+    "explained_lines": "featherfx.baking.explain",
     "export": "featherfx.baking.export",
     "export_groom": "featherfx.baking.export",
     "export_levels": "featherfx.usd.convert.levels",
