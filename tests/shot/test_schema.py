@@ -50,7 +50,9 @@ def family_of(path: Path) -> str:
 
 def validator_of(path: Path) -> Draft202012Validator:
     family = family_of(path)
-    kind = "preset" if family else "groom" if path.stem == "groom" else "shot"
+    is_flock = not family and "flock" in tomllib.loads(path.read_text())
+    kind = "flock" if is_flock else "groom" if path.stem == "groom" else "shot"
+    kind = "preset" if family else kind
     return Draft202012Validator(schema(kind, family))
 
 
@@ -62,7 +64,7 @@ def test_samples_and_presets_are_valid(path: Path) -> None:
         assert Draft202012Validator(schema("preset")).is_valid(raw)
 
 
-@pytest.mark.parametrize("kind", ["groom", "shot", "preset"])
+@pytest.mark.parametrize("kind", ["groom", "shot", "flock", "preset"])
 def test_command_prints_a_schema_with_meanings_units_and_ranges(kind: str) -> None:
     result = invoke("schema", kind)
     assert result.exit_code == 0
