@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
+from scipy.spatial.transform import Rotation
 
 import featherfx
+from featherfx.algebra.rotation import from_angles
 from featherfx.errors import InputError
 from featherfx.groom.read.read import read_groom
 from featherfx.shot.motion.joint_tracks import find_tracks
@@ -243,3 +245,48 @@ def test_a_map_of_joints_that_cannot_be(shot, tmp_path, before, after, message):
     with pytest.raises(InputError, match=message) as told:
         featherfx.read_shot(shot)
     assert len(told.value.problems) == 1
+
+
+@pytest.mark.parametrize("share", [1.0, 0.5])
+def test_a_head_stays_level_and_does_not_heave(tmp_path, share):
+    """Against the same act without heave and pitch of the beats; legs stand as keyframes say."""
+    write_body(tmp_path)
+    head = SHOT.partition("[motion.joints]")[0]
+    text = f"""{head}steady_head = {share}
+[motion.joints]
+neck = "arm"
+head = "root/arm/fore"
+left_leg = "tip"
+[[motion.motions]]
+kind = "keys"
+keyframes = [
+  {{ time = 0, rotation = [0, -40, 0], position = [0.3, 0, 0] }},
+  {{ time = 0, joint = "left_leg", rotation = [0, 70, 0] }},
+]
+[[motion.motions]]
+base = "pigeon_beat"
+start = -1
+wingbeat_frequency = 4
+heave = HEAVE
+pitch = PITCH
+"""
+    found = {}
+    for name, heave, pitch in (("own", 1, 8), ("calm", 0, 0)):
+        (tmp_path / "shot.toml").write_text(
+            text.replace("HEAVE", str(heave)).replace("PITCH", str(pitch))
+        )
+        found[name] = find_tracks(featherfx.read_shot(tmp_path / "shot.toml"))
+    own, calm = found["own"], found["calm"]
+    joint = own.names.index("head")
+    level = Rotation.from_matrix(own.rotations[:, joint]).magnitude()
+    body = Rotation.from_matrix(own.rotations[:, 0]).magnitude()
+    assert np.ptp(np.degrees(body)) == pytest.approx(8.0, abs=0.1)
+    np.testing.assert_allclose(level, (1.0 - share) * body, atol=1e-6)
+    heave = np.ptp(own.positions - calm.positions, axis=0)[:, 2]
+    assert heave[0] > 0.01
+    assert heave[joint] < (1.0 - share) * 0.05 + 1e-9
+    leg = own.rotations[:, own.names.index("left_leg")]
+    turned = own.rotations[:, 0].swapaxes(1, 2) @ leg
+    np.testing.assert_allclose(
+        turned, np.tile(from_angles((0, 70, 0), "xyz"), (49, 1, 1)), atol=1e-9
+    )

@@ -21,7 +21,13 @@ PERIOD = 0.8
 STILL = {
     **dict.fromkeys(("stroke_amplitude", "stroke_plane", "tip_reversal", "turn", "sweep"), 0.0),
     **dict.fromkeys(("twist", "elbow", "wrist", "beats"), 0.0),
-    **{"wingbeat_frequency": 1.0, "downstroke": 0.5, "span_ratio": None, "heave": 0.0},
+    **{
+        "wingbeat_frequency": 1.0,
+        "downstroke": 0.5,
+        "span_ratio": None,
+        "heave": 0.0,
+        "pitch": 0.0,
+    },
     "elevation": {"mean": 0.0, "harmonics": ((1.0, 0.0),)},
 }
 FLAP = STILL | {

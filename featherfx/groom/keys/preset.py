@@ -356,6 +356,9 @@ MOTION_KEYS: dict[str, dict[str, Key]] = {
             "Share of the body's heave under the lift of the downstrokes, which bears its weight.",
             0.0,
         ),
+        "pitch": _changing(
+            _ANGLE, "Pitch of the body under the same lift, from lowest to highest: nose up.", 0.0
+        ),
         "elevation": _curve(
             "Stroke of the arm over the beat, positive upwards.",
             {"mean": 0.0, "harmonics": [[1.0, 0.0]]},
@@ -407,8 +410,15 @@ MOTION_KEYS: dict[str, dict[str, Key]] = {
         "joints": Key(
             TextsByName(),
             "Joints of the skin's skeleton that joints of the groom drive, by the names of these: "
-            "paths, or their ends. They stand as the act has the groom's, since the skin's rest.",
+            "paths, or their ends. They stand as the act has the groom's, since the skin's rest. "
+            "neck, head, right_leg and left_leg need no joint in the groom.",
             {},
+        ),
+        "steady_head": Key(
+            Number(0, 1),
+            "Share of the body's pitch, roll and heave that neck and head take back, where `joints`"
+            " names them.",
+            0.0,
         ),
     },
 }

@@ -12,11 +12,12 @@ to, by its amount; an act does so with all that parts before have done to joints
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from featherfx.algebra.types import Indices
+from featherfx.shot.motion.body_joints import HEAD
 from featherfx.shot.motion.joints import (
     JointPoses,
     MissingJointError,
@@ -25,14 +26,33 @@ from featherfx.shot.motion.joints import (
     still_poses,
 )
 from featherfx.shot.motion.motion import joint_poses, scaled_turns
+from featherfx.shot.motion.steady_head import SteadyHead
 from featherfx.shot.types import Motion, Shot
 
 
 def acted(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
-    """Poses of the parts of an act, one upon the other.
+    """Poses of the parts of an act, one upon the other, with a steady head.
 
     A part whose joints the groom lacks is left out. Raises InputError where none is left.
     """
+    poses, share = _composed(motion, shot, skeleton), motion.values.get("steady_head", 0.0)
+    if share == 0.0 or HEAD not in skeleton.names:
+        return poses
+    return SteadyHead(poses, _composed(_without_heave(motion), shot, skeleton), skeleton, share)
+
+
+def _without_heave(motion: Motion) -> Motion:
+    """A motion whose beats neither heave nor pitch the body."""
+    values = dict(motion.values)
+    if motion.kind == "act":
+        values["motions"] = tuple(map(_without_heave, values["motions"]))
+    elif motion.kind == "flap":
+        values |= {"heave": 0.0, "pitch": 0.0}
+    return replace(motion, values=values)
+
+
+def _composed(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
+    """Poses of the parts of an act, one upon the other. Raises InputError."""
     parts: list[PosesOverTime] = []
     lacking: list[MissingJointError] = []
     for part in motion.values["motions"]:

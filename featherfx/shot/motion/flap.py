@@ -79,7 +79,7 @@ _SAMPLES = 256
 _CURVES = ("elevation", "sweep", "twist", "elbow", "wrist")
 # numbers in degrees that may change over time, and all of them
 _TURNS = ("stroke_amplitude", "stroke_plane", "tip_reversal", "turn")
-_NUMBERS = ("wingbeat_frequency", "downstroke", "heave", *_TURNS)
+_NUMBERS = ("wingbeat_frequency", "downstroke", "heave", "pitch", *_TURNS)
 # an angle in degrees at a phase from 0 to 1
 _Curve = Callable[[float], float]
 # times (s) and values
@@ -162,14 +162,20 @@ class Flap:
         """Return the phase, whole beats included, at a time (s)."""
         return _warped(self._beats_done(time), eased(*self.numbers["downstroke"], time))
 
-    def heave(self, time: float, gravity: float) -> float:
-        """Return the height (m) of the body over its mean at a time (s). gravity: m/s2."""
-        share = eased(*self.numbers["heave"], time)
-        if share == 0.0:
-            return 0.0
+    def heave(self, time: float, gravity: float) -> tuple[float, float]:
+        """Return height (m) and pitch (rad, nose up) of the body over their means at a time (s).
+
+        The lift that heaves the body acts at a constant lever, so that both go alike. gravity:
+        m/s2.
+        """
+        share, pitch = (eased(*self.numbers[name], time) for name in ("heave", "pitch"))
+        if share == 0.0 == pitch:
+            return 0.0, 0.0
         frequency = eased(*self.numbers["wingbeat_frequency"], time)
         downstroke = eased(*self.numbers["downstroke"], time)
-        return share * gravity / frequency**2 * _heave(self._beats_done(time) % 1.0, downstroke)
+        height = _heave(self._beats_done(time) % 1.0, downstroke)
+        whole = np.ptp([_heave(k / _SAMPLES, downstroke) for k in range(_SAMPLES)])
+        return share * gravity / frequency**2 * height, math.radians(pitch) * height / float(whole)
 
     def _beats_done(self, time: float) -> float:
         since = (eased_integral(*self.numbers["wingbeat_frequency"], each) for each in (time, 0.0))
@@ -311,7 +317,9 @@ def flapping(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
 
     def poses(time: float) -> JointPoses:
         found = wings.poses(flap, flap.phase(time), time, eased(*flap.fold_factors, time))
-        found.displacements[0] = flap.heave(time, weight) * up
+        height, pitch = flap.heave(time, weight)
+        found.displacements[0] = height * up
+        found.rotations[0] = from_rotation_vector(np.array((0.0, -pitch, 0.0)))
         return found
 
     return poses

@@ -89,7 +89,11 @@ def _driven(
             for joint in sorted(body.drive.driven.values()):
                 first = _first_joints(groom)[groom.joints[joint - 1].name]
                 found.setdefault(first, _bearing(body, joint, skin.clock))
-    return [(np.array([each == first for each in limbs]), way) for first, way in found.items()]
+    return [
+        (np.array([each == first for each in limbs]), way)
+        for first, way in found.items()
+        if first in limbs
+    ]
 
 
 def _bearing(

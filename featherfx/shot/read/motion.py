@@ -19,6 +19,7 @@ from featherfx.groom.keys.values import Either, Number, ValueType
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.types import Groom
 from featherfx.packages import load_name
+from featherfx.shot.motion.body_joints import BODY_JOINTS
 from featherfx.shot.sources import MovingSurface
 from featherfx.shot.types import Motion
 
@@ -115,7 +116,8 @@ def check_driven(
     motion: Motion, groom: Groom, surfaces: Sequence[MovingSurface] | None, place: Place
 ) -> None:
     """Problems where the map of an act names no joints of the groom, or none of the skin."""
-    driven, joints = motion.values["joints"], {joint.name for joint in groom.joints}
+    driven = motion.values["joints"]
+    joints = {joint.name for joint in groom.joints} | BODY_JOINTS.keys()
     trees = [tree for each in surfaces or () if (tree := each.joint_tree) is not None]
     if driven and not trees:
         told = "drives the skeleton of a [skin], and the shot has none that a skeleton moves"
@@ -198,7 +200,7 @@ def _check_keyframes(
     for index, frame in enumerate(keyframes):
         at = place.item(index)
         joint, time = frame["joint"], frame["time"]
-        if groom is not None and joint and joint not in joints:
+        if groom is not None and joint and joint not in joints | BODY_JOINTS.keys():
             at.child("joint").unknown(f"no joint '{joint}' in the groom", joint, joints)
         for what in ("position", "rotation"):
             if frame[what] is None:

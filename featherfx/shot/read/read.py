@@ -22,6 +22,7 @@ from featherfx.groom.read.readers import SceneReaders
 from featherfx.groom.read.toml_file import file_kind, load_toml
 from featherfx.groom.read.value_diff import told
 from featherfx.groom.types import Groom
+from featherfx.shot.motion.body_joints import with_body_joints
 from featherfx.shot.patterns import fits
 from featherfx.shot.read.clocks import DEFAULT_RATE, ClockReader
 from featherfx.shot.read.keys import SHOT_FILE
@@ -132,6 +133,7 @@ def _collect(
     if motion is not None and moves_skin:
         surfaces = scenes["surfaces"] and scenes["surfaces"].surfaces
         check_driven(motion, groom, surfaces, place.child("motion").child("joints"))
+        groom = with_body_joints(groom, motion.values["joints"], surfaces or ())
     if motion is not None and "motion" in raw and parts["skin"] is not None and not limbs:
         message = (
             "stands beside [skin], which moves the roots. A fold, flap or act of wings, tails "

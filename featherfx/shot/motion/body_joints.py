@@ -1,0 +1,36 @@
+"""Joints of a body that acts move and that no feather hangs on: neck, head and legs.
+
+They stand in the groom beside its own ones where `[motion.joints]` names what they drive, at the
+pivots of that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from featherfx.groom.types import Groom, Joint
+from featherfx.shot.sources import MovingSurface
+
+NECK, HEAD = "neck", "head"
+# by their parents
+BODY_JOINTS: Mapping[str, str] = {NECK: "", HEAD: NECK, "right_leg": "", "left_leg": ""}
+
+
+def with_body_joints(
+    groom: Groom, driven: Mapping[str, str], surfaces: Sequence[MovingSurface]
+) -> Groom:
+    """A groom with those joints of bodies that drive joints of surfaces. driven: names of these by
+    theirs."""
+    known = {joint.name for joint in groom.joints}
+    added: list[Joint] = []
+    for name in BODY_JOINTS:
+        for surface in surfaces:
+            tree = surface.joint_tree
+            if name in driven and name not in known and tree is not None:
+                for place in tree.find(driven[name]):
+                    known.add(name)
+                    parent = BODY_JOINTS[name] if BODY_JOINTS[name] in known else ""
+                    pivot = surface.joint_matrices(None)[place][3, :3]
+                    added.append(Joint(name, pivot, parent))
+    return replace(groom, joints=(*groom.joints, *added)) if added else groom
