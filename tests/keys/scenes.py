@@ -543,7 +543,7 @@ SCENES = {
             }
         ),
         ("shot.motion.keyframes",),
-        {".joint": [""], ".tangents": ["linear"], ".order": ["zyx"]},
+        {"1.time": [0.05], ".joint": [""], ".tangents": ["linear"], ".order": ["zyx"]},
         # a curve of one key, and positions, which have no order of axes
         ("0.time", "0.tangents", "0.position", "1.rotation", "1.order", "2.order"),
     ),
