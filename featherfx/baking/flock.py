@@ -36,13 +36,13 @@ from featherfx.shot.flock.types import FAR_BIRD, MIDDLE_BIRD, NEAR_BIRD, WAYS, B
 from featherfx.shot.read.flock import read_flock
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.types import OutputError, StageSpace
-from featherfx.usd.write.flock import BirdAsset, Replay, StagedBird, write_flock
+from featherfx.usd.write.flock import BirdAsset, Replay, StagedBird, write_flock, write_model
 from featherfx.usd.write.layers import StageInfo
 from featherfx.usd.write.options import AS_ONE
 from featherfx.usd.write.output import check_output, prim_name
 
-# grid of feathers that are far
-_FAR_ROWS, _FAR_COLUMNS = 6, 1
+# grid of feathers that are far, at most; on fewer rows bent shafts are visibly shorter
+_FAR_ROWS, _FAR_COLUMNS = 11, 1
 # feathers that are compared, evenly chosen
 _COMPARED = 200
 # gap of a loop, of a feather's length, from which on it is a pop as of the judge (usd/check)
@@ -91,7 +91,9 @@ def bake_flock(
         assets = {each.cache: _asset(each, read, reports[each.cache]) for each in caches}
         staged = [_stage_bird(bird, read, folder, assets) for bird in read.birds]
         write_flock(path, staged, _stage_info(path, read, chosen), before)
+    first, last = chosen.frames or read.frames
     report = _report(read, path, caches, reports) | {
+        "frames": last - first + 1,
         "wall_seconds": time.perf_counter() - begun,
         "peak_memory_bytes": peak_memory_bytes(),
     }
@@ -133,7 +135,8 @@ def list_caches(flock: FlockShot, folder: Path, options: FlockOptions) -> list[B
         else:
             own = passed | {"layout": "flat"}
         if bird.way == FAR_BIRD:
-            own = own | {"render_rows": _FAR_ROWS, "render_columns": _FAR_COLUMNS}
+            rows = min(_FAR_ROWS, flock.groups[bird.group].shot.quality.rows)
+            own = own | {"render_rows": rows, "render_columns": _FAR_COLUMNS}
             own = own | {"group": AS_ONE, "barbs": None, "textures": None}
         cache = _cache_path(bird, flock, folder)
         if cache not in found:
@@ -195,14 +198,15 @@ def _bake_caches(
 
 
 def _asset(cache: BirdCache, flock: FlockShot, report: Mapping[str, Any]) -> BirdAsset:
-    """Return what a bird shows of a cache."""
+    """Write the body of a bird, and return what it shows of a cache."""
     surfaces = flock.groups[cache.bird.group].shot.surfaces
     if surfaces is None:
         return BirdAsset(cache.cache, None)
     first = surfaces.surfaces[0]
-    model = "/" + first.path.split("/")[1]
-    bodies = report.get("bodies")
-    return BirdAsset(cache.cache, (Path(bodies[0]) if bodies else first.file, model))
+    model, path = "/" + first.path.split("/")[1], cache.cache.with_suffix(".model.usdc")
+    source = Path(report["bodies"][0]) if report.get("bodies") else first.file
+    write_model(source, model, cache.frames, path)
+    return BirdAsset(cache.cache, (path, model))
 
 
 def _stage_bird(
@@ -260,13 +264,11 @@ def _report(
     costs = {way: 0.0 for way in WAYS}
     for each in caches:
         costs[each.bird.way] += reports[each.cache]["processor_seconds"]
-    first, last = flock.frames
     return {
         "version": __version__,
         "shot": flock.name,
         "output": str(path),
         "birds": counts,
-        "frames": last - first + 1,
         "caches": {each.cache.name: reports[each.cache] for each in caches},
         "processor_seconds": sum(costs.values()),
         "processor_seconds_per_bird": {

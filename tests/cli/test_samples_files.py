@@ -34,6 +34,7 @@ def test_groom_is_sound_and_has_no_time(rest):
 FULL = ROOT / "samples/pigeon/full.toml"
 BIRDS = {FULL, ROOT / "samples/pigeon/groom.toml", *ROOT.glob("samples/first_bird/*.toml")}
 BIRDS |= {*ROOT.glob("samples/owl_flight/*.toml")}
+BIRDS |= {*ROOT.glob("samples/flock/*.toml")}
 CHECKED = sorted({*ROOT.glob("samples/*/*.toml")} - BIRDS)
 # whether its feathers keep apart at the start takes a quarter of a minute
 TOUCHING = ROOT / "samples/pigeon/contact.toml"

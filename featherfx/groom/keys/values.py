@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from importlib import import_module
+from itertools import islice
 from types import SimpleNamespace
 from typing import Any, Protocol, get_args, get_type_hints
 
@@ -413,7 +414,8 @@ class Table:
         lacking = [
             each for each, key in self.keys.items() if key.default is REQUIRED and each not in value
         ]
-        if [each for each in value if each not in self.keys] != [name] or len(lacking) != 1:
+        unknown = (each for each in value if each not in self.keys)
+        if [*islice(unknown, 2)] != [name] or len(lacking) != 1:
             return ""
         if closest(name, list(self.keys), 1) or _keys_below(self.keys, name):
             return ""

@@ -32,9 +32,10 @@ def near_tables(flock: FlockShot, bird: Bird, own: dict[str, Any], wind: Any) ->
     start = shot.motion.clock.start - bird.phase / flock.frames_per_second
     given = own.get("motion", "hold")
     part = {"base": given} if isinstance(given, str) else dict(given)
+    joints = part.pop("joints", {})  # of the whole act
     motion = {"kind": "act", "motions": [part | {"start": start}, _path_keys(flock, bird)]}
     if shot.surfaces is not None:
-        motion |= {"body": "act", "joints": part.get("joints", {})}
+        motion |= {"body": "act", "joints": joints}
     return {
         "name": bird.name,
         "frames": list(flock.frames),

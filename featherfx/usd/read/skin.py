@@ -56,7 +56,8 @@ def read_skin(
     place: of [skin].
     """
     scene = open_chosen(locate_file(folder, skin["usd"]), skin, place.child("usd"), place)
-    options = MeshOptions(skin["rest"], skin["subdivision"], skin["uv"])
+    # at rest, so that nothing has to move
+    options = MeshOptions(skin["rest"], skin["subdivision"], skin["uv"], is_driven=True)
     opened = all_of(
         *(partial(open_carrier, scene, path, options, at) for path, at in paths.items())
     )

@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import Gf, Kind, Sdf, UsdGeom, Vt
+from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdSkel, Vt
 
 from featherfx.algebra.types import Array
-from featherfx.files.atomic_write import Standing
+from featherfx.files.atomic_write import Standing, standing
 from featherfx.usd import arrays
 from featherfx.usd.read.opening import open_stage
 from featherfx.usd.types import StageSpace
@@ -39,6 +39,27 @@ class BirdAsset:
 
     cache: Path
     body: tuple[Path, str] | None
+
+
+def write_model(source: Path, model: str, codes: tuple[float, float], path: Path) -> None:
+    """Write the model of a body as meshes whose points move, without skeletons and other layers.
+
+    Instances and clips of these are drawn alike everywhere. source, model: file of the body, and
+    path of its root there. codes: first and last time code. Raises OutputError.
+    """
+    before, stage = standing(path), open_stage(source)
+    interval = Gf.Interval(*codes)
+    for prim in Usd.PrimRange(stage.GetPrimAtPath(model)):
+        if prim.IsA(UsdSkel.Root):
+            with Usd.EditContext(stage, stage.GetSessionLayer()):
+                UsdSkel.BakeSkinning(UsdSkel.Root(prim), interval)
+    layer = stage.Flatten()
+    for each in list(layer.rootPrims):
+        if str(each.path) != model:
+            del layer.rootPrims[each.name]
+    layer.defaultPrim = model[1:]
+    layer.startTimeCode, layer.endTimeCode = codes
+    publish([(layer, path)], {path: before})
 
 
 @dataclass(frozen=True)
