@@ -197,11 +197,12 @@ def _bake_flock(flock: Path, style: str, options: dict[str, Any]) -> list[str]:
     from featherfx.cli.bake_warnings import print_bake_notes
 
     known: set[str] = set()
-    for each in result["caches"].values():
+    for name, each in result["caches"].items():
         # what caches have in common is told once
         new = {key: value for key, value in each.items() if f"{key}: {value}" not in known}
         known |= {f"{key}: {value}" for key, value in each.items() if key in _NOTED}
         if any(new.get(key) for key in _NOTED):
+            tell(f"{name}:")
             print_bake_notes(new)
     return [text for each in result["caches"].values() for text in each.get("bounds_passed", [])]
 

@@ -21,7 +21,7 @@ def read(folder, wind, material=""):
     [
         "air_density = 1000\nspeed = 2",
         "speed = 150\ngust = 0.5",
-        "speed = 150\ngust = 0.5\nadded_mass = true",
+        pytest.param("speed = 150\ngust = 0.5\nadded_mass = true", marks=pytest.mark.nightly),
     ],
 )
 def test_water_and_the_strongest_wind_move_a_feather_no_faster_than_they_flow(tmp_path, air):
