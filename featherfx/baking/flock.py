@@ -89,7 +89,8 @@ def bake_flock(
     reports = _bake_caches(caches, on_frame or (lambda done, total: None))
     if chosen.feathers is None:
         assets = {each.cache: _asset(each, read, reports[each.cache]) for each in caches}
-        staged = [_stage_bird(bird, read, folder, assets) for bird in read.birds]
+        shown = chosen.frames or read.frames
+        staged = [_stage_bird(bird, read, folder, assets, shown) for bird in read.birds]
         write_flock(path, staged, _stage_info(path, read, chosen), before)
     first, last = chosen.frames or read.frames
     report = _report(read, path, caches, reports) | {
@@ -210,20 +211,25 @@ def _asset(cache: BirdCache, flock: FlockShot, report: Mapping[str, Any]) -> Bir
 
 
 def _stage_bird(
-    bird: Bird, flock: FlockShot, folder: Path, assets: Mapping[Path, BirdAsset]
+    bird: Bird,
+    flock: FlockShot,
+    folder: Path,
+    assets: Mapping[Path, BirdAsset],
+    frames: tuple[int, int],
 ) -> StagedBird:
-    """Place a bird on the stage."""
+    """Place a bird on the stage, which shows some frames of the flock."""
     group, asset = flock.groups[bird.group], assets[_cache_path(bird, flock, folder)]
     facts = {"shot": group.keys.shot, "way": bird.way, "phase": bird.phase, "pixels": bird.pixels}
     if bird.way == NEAR_BIRD:
         return StagedBird(bird.name, None, asset, facts)
-    turns, ways = bird_poses(
-        bird.path, np.array(group.keys.forward), bird.size * group.middle, frame_times(flock)
-    )
+    left = frames[0] - flock.frames[0]
+    times = frame_times(flock)[left : frames[1] - flock.frames[0] + 1]
+    forward = np.array(group.keys.forward)
+    turns, ways = bird_poses(bird.path, forward, bird.size * group.middle, times)
     matrices = np.zeros((len(ways), 4, 4))
     matrices[:, :3, :3] = bird.size * turns.swapaxes(1, 2)
     matrices[:, 3, :3], matrices[:, 3, 3] = ways, 1.0
-    replay = Replay(asset, group.loop.first, group.loop.frames, bird.phase)
+    replay = Replay(asset, group.loop.first, group.loop.frames, bird.phase + left)
     return StagedBird(bird.name, matrices, replay, facts)
 
 

@@ -286,6 +286,20 @@ def test_the_sample_is_sound():
     assert ways.count("near") <= 3
 
 
+def test_some_frames_are_those_of_the_whole(folder):
+    bake(folder)
+    whole = Usd.Stage.Open(str(folder / "out.usda"))
+    names = [each.GetName() for each in whole.GetPrimAtPath("/out").GetChildren()]
+    before = {name: shown_points(whole, name, 5) for name in names}
+    del whole
+    bake(folder, frames=(4, 6), overwrite=True)
+    part = Usd.Stage.Open(str(folder / "out.usda"))
+    part.Reload()
+    for name in names:
+        for feather, points in shown_points(part, name, 5).items():
+            np.testing.assert_allclose(points, before[name][feather], atol=1e-6)
+
+
 def test_the_command_takes_birds_and_frames(folder):
     result = invoke(
         *("bake", folder / "flock.toml", "--birds", 2, "--frames", "2-5"),

@@ -70,6 +70,7 @@ def replay_tables(flock: FlockShot, bird: Bird) -> dict[str, Any]:
     changes: dict[str, Any] = {
         "frames": [group.shot.first_frame, group.loop.first + group.loop.frames],
         "wind": _felt_wind(flock, group, bird),
+        "handles": None,
     }
     if bird.way == FAR_BIRD:
         changes |= {"detail": [{"level": "rigid"}], "contact": None, "level_of_detail": None}

@@ -153,7 +153,7 @@ class _FlockReader:
         paths: list[Any] = [Spline.through(times, places[:, k]) for k in range(len(ids))]
         if quats is not None:
             paths = [TurnedSpline(path, quats[:, k]) for k, path in enumerate(paths)]
-        names = [f"bird_{number + 1}_{id:04d}" for id in ids]
+        names = [f"bird_{number + 1}_{id:04d}".replace("-", "m") for id in ids]
         return birds_on(keys, number, paths, loop, names)
 
     def camera(self, at: Place) -> tuple[TimedCamera | None, SeenFrom | None]:

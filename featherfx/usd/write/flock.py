@@ -65,7 +65,7 @@ def write_model(source: Path, model: str, codes: tuple[float, float], path: Path
 @dataclass(frozen=True)
 class Replay:
     """A loop of an asset. first, frames: of the loop, frames of its shot. phase: frames by which it
-    is ahead at the first frame of the flock."""
+    is ahead at the first frame of the stage."""
 
     asset: BirdAsset
     first: int
