@@ -13,14 +13,14 @@ from featherfx.groom.keys.preset import Wind
 from featherfx.shot.flock.paths import bird_poses
 from featherfx.shot.flock.types import FAR_BIRD, Bird, FlockShot, GroupOfFlock
 
-_BEYOND = 4  # frames, of a path before the first and after the last
+_BEFORE, _AFTER = 4, 1  # frames, of a path before the first and after the last
 _STEP = 1e-4  # s, of differences along a path
 
 
-def frame_times(flock: FlockShot, beyond: int = 0) -> Array:
+def frame_times(flock: FlockShot, before: int = 0, after: int = 0) -> Array:
     """(K,) s of a flock's frames, and of so many before and after them."""
     first, last = flock.frames
-    return np.arange(-beyond, last - first + beyond + 1) / flock.frames_per_second
+    return np.arange(-before, last - first + after + 1) / flock.frames_per_second
 
 
 def near_tables(flock: FlockShot, bird: Bird, own: dict[str, Any], wind: Any) -> dict[str, Any]:
@@ -48,7 +48,8 @@ def near_tables(flock: FlockShot, bird: Bird, own: dict[str, Any], wind: Any) ->
 def _path_keys(flock: FlockShot, bird: Bird) -> dict[str, Any]:
     """Keyframes of a path, at every frame."""
     group = flock.groups[bird.group]
-    times = frame_times(flock, _BEYOND + group.shot.handles)
+    handles = group.shot.handles
+    times = frame_times(flock, _BEFORE + handles, _AFTER + handles)
     forward = np.array(group.keys.forward)
 
     def ways(at: Array) -> Array:
