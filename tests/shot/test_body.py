@@ -235,6 +235,7 @@ def test_shares_of_a_bake_have_one_layer_between_them(shot, tmp_path):
         featherfx.bake(shot, tmp_path / "out.usda", feathers=(1, 2))
 
 
+@pytest.mark.nightly
 def test_a_job_leaves_the_layer_beside_its_cache_alone(shot, tmp_path):
     write_body(tmp_path / "body.usda", "still")
     featherfx.bake(shot, tmp_path / "whole.usdc")

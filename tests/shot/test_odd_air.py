@@ -20,7 +20,7 @@ def read(folder, wind, material=""):
     "air",
     [
         "air_density = 1000\nspeed = 2",
-        "speed = 150\ngust = 0.5",
+        pytest.param("speed = 150\ngust = 0.5", marks=pytest.mark.nightly),
         pytest.param("speed = 150\ngust = 0.5\nadded_mass = true", marks=pytest.mark.nightly),
     ],
 )
