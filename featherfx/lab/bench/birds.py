@@ -43,7 +43,7 @@ SCENES = {
 _NOTE = """\
 Each line bakes a bird in a process of its own, kernels compiled before. `error` is the percent of
 their length within which 99 % of the feathers are of a reference, at all of their points and
-frames. Of scenes that are cut short only feathers around one place are baked.
+frames. Of scenes that are cut short only feathers around the longest are baked.
 """
 
 
@@ -150,9 +150,13 @@ def _open_scene(scene: str, extent: BirdExtent) -> Shot:
 
 
 def _around(shot: Shot, count: int) -> Indices:
-    """Numbers of the feathers whose roots are nearest to that of the middle one, in order."""
+    """Numbers of the feathers whose roots are nearest to that of the longest, in order.
+
+    That one is simulated in every scene.
+    """
     roots = np.array([each.position for each in shot.groom.feathers])
-    away = np.linalg.norm(roots - roots[len(roots) // 2], axis=1)
+    longest = int(np.argmax([each.kind.length for each in shot.groom.feathers]))
+    away = np.linalg.norm(roots - roots[longest], axis=1)
     return np.sort(np.argsort(away, kind="stable")[:count])
 
 
