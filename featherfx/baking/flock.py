@@ -206,6 +206,10 @@ def _asset(cache: BirdCache, flock: FlockShot, report: Mapping[str, Any]) -> Bir
     first = surfaces.surfaces[0]
     model, path = "/" + first.path.split("/")[1], cache.cache.with_suffix(".model.usdc")
     source = Path(report["bodies"][0]) if report.get("bodies") else first.file
+    if left := {each.path for each in surfaces.surfaces if not each.path.startswith(f"{model}/")}:
+        told = f"of its skins only {model} is shown, without {', '.join(sorted(left))}"
+        message = f"{cache.shot}: {told}. Give the bird one model"
+        warnings.warn(message, InputWarning, stacklevel=2)
     write_model(source, model, cache.frames, path)
     return BirdAsset(cache.cache, (path, model))
 

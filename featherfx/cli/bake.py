@@ -189,7 +189,11 @@ def _bake_flock(flock: Path, style: str, options: dict[str, Any]) -> list[str]:
         result = pipeline.bake_flock(flock, on_frame=progress, **options)
     told = ", ".join(f"{count} {way}" for way, count in result["birds"].items() if count)
     birds = sum(result["birds"].values())
-    tell(f"{result['output']}: {birds} birds ({told}) in {result['wall_seconds']:.1f} s")
+    what = f"{birds} birds ({told})"
+    if options["feathers"] is not None:
+        i, n = options["feathers"]
+        what = f"share {i} of {n}, {len(result['caches'])} caches; the stage is not written"
+    tell(f"{result['output']}: {what} in {result['wall_seconds']:.1f} s")
     if error := result["replay_error"]:
         told = f"{error['percent_p50']:.2g} % of their length at the median, 99 % within"
         far = f"{error['percent_p99']:.2g} %, where {error['bird']} is simulated"

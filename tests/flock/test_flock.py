@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import warnings
 
 import numpy as np
@@ -310,3 +311,23 @@ def test_the_command_takes_birds_and_frames(folder):
     assert sum(report["birds"].values()) == 2
     stage = Usd.Stage.Open(str(folder / "out.usda"))
     assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (2, 5)
+
+
+def test_shares_and_a_plan_make_the_same_stage(folder):
+    bake(folder)
+    whole = (folder / "out.usda").read_bytes()
+    for file in (folder / "out.usda", *(folder / "out.birds").glob("*")):
+        file.unlink() if file.is_file() else shutil.rmtree(file)
+    command = ("bake", folder / "flock.toml", "-o", folder / "out.usda")
+    for share in ("1/2", "2/2"):
+        told = invoke(*command, "--feathers", share)
+        assert told.exit_code == 0, told.stderr
+        assert "the stage is not written" in told.stderr
+        assert not (folder / "out.usda").exists()
+    assert invoke(*command, "--resume").exit_code == 0
+    assert (folder / "out.usda").read_bytes() == whole
+    assert invoke(*command, "--plan", 2).exit_code == 0
+    items = json.loads((folder / "out.plan.json").read_text())["items"]
+    assert [each["after"] for each in items] == [[], [], ["bake_1", "bake_2"]]
+    assert {"--resume", "bake"} <= set(items[-1]["command"])
+    assert "--feathers" not in items[-1]["command"]

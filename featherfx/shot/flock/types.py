@@ -29,7 +29,6 @@ from featherfx.limits import MAX_BIRDS
 from featherfx.shot.clock import MAX_RATE, MIN_RATE
 from featherfx.shot.flock.paths import BirdPath
 from featherfx.shot.types import Shot
-from featherfx.shot.view import TimedCamera
 
 NEAR_BIRD, MIDDLE_BIRD, FAR_BIRD = "near", "middle", "far"
 WAYS = (NEAR_BIRD, MIDDLE_BIRD, FAR_BIRD)
@@ -65,7 +64,7 @@ class BirdGroup:
         str | None,
         Text(),
         "USD file of a PointInstancer instead of a path: a bird at each of its points, by its ids, "
-        "turned by its orientations where it has any.",
+        "turned by its orientations where it has any. Frame N is its time code N.",
     ] = None
     prim: Annotated[str | None, Text(), "Path of the PointInstancer."] = None
     forward: Annotated[
@@ -168,7 +167,7 @@ class GroupOfFlock:
 
 @dataclass(frozen=True)
 class FlockShot:
-    """A flock as its file has it. seen: None without a camera, whose keys are `limits`."""
+    """A flock as its file has it."""
 
     name: str
     source: Path
@@ -177,5 +176,3 @@ class FlockShot:
     wind: Wind
     groups: tuple[GroupOfFlock, ...]
     birds: tuple[Bird, ...]
-    camera: TimedCamera | None = None
-    limits: SeenFrom | None = None

@@ -79,8 +79,6 @@ def read_flock(
         wind,
         tuple(group for group, _ in groups),
         tuple(found),
-        camera,
-        limits,
     )
     _warn_of_crowds(flock, reader.times)
     return flock
@@ -116,6 +114,11 @@ class _FlockReader:
             own, rate = shot.frames_per_second, self._parts["frames_per_second"]
             told = f"{keys.shot} has {own:g} frames per second, the flock {rate:g}"
             at.child("shot").refuse(f"{told}. Give both the same")
+        clock = None if shot.surfaces is None else shot.surfaces.clock
+        if clock and (clock.start, clock.step) != (shot.first_frame, 1.0):
+            told = f"the skin of {keys.shot} has frame {shot.first_frame} at time code"
+            remedy = "Give a skin whose frames are its time codes"
+            at.child("shot").refuse(f"{told} {clock.start:g}, {clock.step:g} a frame. {remedy}")
         loop = Loop.of(shot)
         roots = np.array([each.position for each in shot.groom.feathers]).reshape(-1, 3)
         middle = roots.mean(axis=0)
