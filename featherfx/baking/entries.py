@@ -48,7 +48,7 @@ def entries_of(
     groom: Groom, feathers: Sequence[Feather], static: bool, skin: BoundSkin | None = None
 ) -> list[FeatherEntry]:
     """Make the entry of every feather of a groom."""
-    coloured, film = _coloured(groom), _with_film(groom)
+    coloured, shading = _coloured(groom), _shading(groom)
     shapes = [_shape(placement) for placement in groom.feathers]
     # the same for feathers of one shape, whatever their size
     held: dict[tuple[int, bool], Array | None] = {}
@@ -71,7 +71,7 @@ def entries_of(
             stiffened=_stiffened(placement.kind, feather),
             held=held[id(shape[0]), shape[1]],
             hooked=not static and may_slip(placement.kind),
-            colours=_colour(placement, feather, None, film) if coloured else None,
+            colours=_colour(placement, feather, None, shading) if coloured else None,
             shape=shape,
             look=look_text(placement.kind.drawn_look),
             barb_count=placement.kind.barb_count,
@@ -92,11 +92,11 @@ def _shape(placement: Placement) -> tuple[FeatherKind, bool, float]:
 
 
 def _colour(
-    placement: Placement, feather: Feather, barbs: BarbCurves | None, film: bool
+    placement: Placement, feather: Feather, barbs: BarbCurves | None, shading: Sequence[str]
 ) -> FeatherColours:
     from featherfx.feather.colours import colour_feather
 
-    return colour_feather(placement.kind, feather, barbs, placement.id, film)
+    return colour_feather(placement.kind, feather, barbs, placement.id, shading)
 
 
 def _coloured(groom: Groom) -> bool:
@@ -104,9 +104,11 @@ def _coloured(groom: Groom) -> bool:
     return any(not each.kind.colour.is_plain for each in groom.feathers)
 
 
-def _with_film(groom: Groom) -> bool:
-    """Check for any iridescent feather; then the film of all is written."""
-    return any(each.kind.colour.has_film for each in groom.feathers)
+def _shading(groom: Groom) -> tuple[str, ...]:
+    """Name what any feather has for shaders; then that of all is written."""
+    from featherfx.feather.colours import shading_of
+
+    return shading_of(each.kind for each in groom.feathers)
 
 
 def refuse_too_large(
@@ -271,7 +273,7 @@ def drawn_entries(
             points = barbs.points @ placement.rotation.T + placement.position
             barbs = replace(barbs, points=points)
             if entries[index].colours is not None:
-                colours = _colour(placement, built[index][0], barbs, _with_film(groom))
+                colours = _colour(placement, built[index][0], barbs, _shading(groom))
                 entries[index] = replace(entries[index], colours=colours)
         entries[index] = replace(
             entries[index],

@@ -11,12 +11,14 @@ distance from a pattern's middle and r its extent, both m, it covers what is bel
 
     strength * smooth((r - d) / (soft r) + 1/2),    smooth(x) = 3 x^2 - 2 x^3 within 0 and 1.
 
-Colours are mixed as light. What numbers look like on a living bird is chosen by eye in presets.
+Colours are mixed as light, then filtered by pigments (groom/looks.py). What numbers look like on a
+living bird is chosen by eye in presets.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -27,10 +29,13 @@ from featherfx.feather.types import LEADING, RACHIS_PART, TRAILING, BarbCurves, 
 from featherfx.files.content import stable_number
 from featherfx.groom.looks import (
     DEFAULT_PATTERN_SIZES,
+    PIGMENTS,
     RACHIS_COLOUR,
+    SHADING,
     VANE_COLOUR,
     Colour,
     Pattern,
+    filtered,
     linear,
 )
 from featherfx.groom.types import FeatherKind
@@ -42,35 +47,50 @@ _RACHIS_SHADE = 0.55
 @dataclass(frozen=True)
 class FeatherColours:
     """Linear colours of one feather: points (V, 3) of its mesh, rachis (3,), barbs (K, 3) of all
-    points of its barbs, where these are drawn. film, barb_film: (V,), (K,) m, thickness of what
-    shines by interference; None where no feather of the groom has that."""
+    points of its barbs, where these are drawn. shading, barb_shading: (V,), (K,) values by those
+    names of SHADING that any feather of the groom has."""
 
     points: Array
     rachis: Array
     barbs: Array | None = None
-    film: Array | None = None
-    barb_film: Array | None = None
+    shading: Mapping[str, Array] = field(default_factory=dict)
+    barb_shading: Mapping[str, Array] = field(default_factory=dict)
 
 
 def colour_feather(
-    kind: FeatherKind, feather: Feather, barbs: BarbCurves | None, id: str, film: bool = False
+    kind: FeatherKind,
+    feather: Feather,
+    barbs: BarbCurves | None,
+    id: str,
+    shading: Sequence[str] = (),
 ) -> FeatherColours:
-    """Colour a feather of a kind, at any size; id: by which its brightness varies. film: whether
-    its thickness is wanted."""
-    places, rachis = _mesh_places(feather), _rachis(kind.colour)
-    points, light = _vane_colours(kind, places), brightness(kind.colour, id)
+    """Colour a feather of a kind, at any size; id: by which its brightness varies. shading: names
+    of SHADING that are wanted."""
+    rachis, light = _rachis(kind.colour), brightness(kind.colour, id)
+    points, values = _vane_colours(kind, _mesh_places(feather))
     on_rachis = np.unique(feather.surface.triangles[feather.surface.part == RACHIS_PART])
     points[on_rachis] = rachis
-    found = FeatherColours(np.clip(light * points, 0, 1), np.clip(light * rachis, 0, 1))
-    if film:
-        thickness = _film(kind, places)
-        thickness[on_rachis] = 0.0
-        found = replace(found, film=thickness)
+    for name in (each for each in shading if each not in PIGMENTS):
+        values[name][on_rachis] = 0.0
+    found = FeatherColours(
+        np.clip(light * points, 0, 1),
+        np.clip(light * rachis, 0, 1),
+        shading={name: values[name] for name in shading},
+    )
     if barbs is not None:
-        places = _barb_places(feather, barbs)
-        found = replace(found, barbs=np.clip(light * _vane_colours(kind, places), 0, 1))
-        found = replace(found, barb_film=_film(kind, places)) if film else found
+        points, values = _vane_colours(kind, _barb_places(feather, barbs))
+        found = replace(
+            found,
+            barbs=np.clip(light * points, 0, 1),
+            barb_shading={name: values[name] for name in shading},
+        )
     return found
+
+
+def shading_of(kinds: Iterable[FeatherKind]) -> tuple[str, ...]:
+    """Names of SHADING that any of the kinds has."""
+    found = {name for kind in kinds for name in kind.colour.shading}
+    return tuple(name for name in SHADING if name in found)
 
 
 def at_nodes(colours: FeatherColours, feather: Feather) -> Array:
@@ -92,7 +112,7 @@ def charted(kind: FeatherKind, feather: Feather, across: Array, along: Array) ->
     columns = linear_weights(np.linspace(0.0, 1.0, feather.columns + 1), np.abs(2.0 * across - 1.0))
     sides = [np.einsum("hn,wm,nmx->hwx", rows, columns, grid[k], optimize=True) for k in (0, 1)]
     places = np.where((across >= 0.5)[:, None], sides[LEADING], sides[TRAILING])
-    return _vane_colours(kind, places.reshape(-1, 4)).reshape(*places.shape[:2], 3)
+    return _vane_colours(kind, places.reshape(-1, 4))[0].reshape(*places.shape[:2], 3)
 
 
 def uniform(kind: FeatherKind) -> FeatherKind:
@@ -146,34 +166,31 @@ def _row_places(feather: Feather) -> Array:
     return found / length
 
 
-def _vane_colours(kind: FeatherKind, places: Array) -> Array:
-    """(P, 3) linear colours at places (P, 4) of _row_places."""
+def _vane_colours(kind: FeatherKind, places: Array) -> tuple[Array, dict[str, Array]]:
+    """(P, 3) linear colours at places (P, 4) of _row_places, and (P,) each of SHADING."""
     base = kind.colour.base
     found = np.tile(VANE_COLOUR if base is None else linear(np.array(base)), (len(places), 1))
+    values = {name: np.full(len(places), getattr(kind.colour, name)) for name in SHADING}
     for pattern in kind.colour.patterns:
-        cover = pattern.strength * _cover(pattern, kind.calamus, places)[:, None]
-        found += cover * (linear(np.array(pattern.colour)) - found)
-    return found
-
-
-def _film(kind: FeatherKind, places: Array) -> Array:
-    """(P,) m, thickness of the film at places; none between two, which would have other colours."""
-    found = np.full(len(places), kind.colour.film)
-    for pattern in kind.colour.patterns:
-        if pattern.film is not None:
-            cover = pattern.strength * _cover(pattern, kind.calamus, places)
-            found[cover > 0.5] = pattern.film
-    return found
+        cover = pattern.strength * _cover(pattern, kind.calamus, places)
+        if pattern.colour is not None:
+            found += cover[:, None] * (linear(np.array(pattern.colour)) - found)
+        for name, value in values.items():
+            own = getattr(pattern, name)
+            if own is not None:  # between two films is none, which would have another colour
+                value += (cover > 0.5 if name == "film" else cover) * (own - value)
+    present = set(PIGMENTS).intersection(kind.colour.shading)
+    return filtered(found, {name: values[name] for name in present}), values
 
 
 def _rachis(colour: Colour) -> Array:
     if colour.rachis is not None:
         return linear(np.array(colour.rachis))
-    return (
-        np.array(RACHIS_COLOUR)
-        if colour.base is None
-        else _RACHIS_SHADE * linear(np.array(colour.base))
+    own = np.array(
+        RACHIS_COLOUR if colour.base is None else _RACHIS_SHADE * linear(np.array(colour.base))
     )
+    amounts = {name: np.array([getattr(colour, name)]) for name in PIGMENTS}
+    return filtered(own[None], amounts)[0]
 
 
 def _cover(pattern: Pattern, calamus: float, places: Array) -> Array:

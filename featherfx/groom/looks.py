@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Annotated, Any
@@ -16,11 +17,25 @@ from featherfx.groom.keys.values import ArrayOf, Number, Table, Text, keys_of
 _PLACE = Number(0, 1)
 _FILM = Number(0, 3e-6, "m")
 _COLOUR = ArrayOf(Number(0, 1), 3, 3)
+_TILT = Number(-90, 90, "deg")
 Shade = tuple[float, float, float]
 # of patterns that name none; chosen by eye
 # linear, of keratin without colours
 VANE_COLOUR, RACHIS_COLOUR = (0.80, 0.76, 0.69), (0.42, 0.33, 0.24)
+# by which pigments filter red, green and blue light. Melanins: d'Eon et al. 2011, An
+# Energy-Conserving Hair Reflectance Model, section 6.1; carotenoid by eye. An amount q from 0 to 1
+# is a concentration of -ln(1 - q), as in Blender's Principled Hair BSDF.
+ABSORPTION = {
+    "eumelanin": (0.419, 0.697, 1.37),
+    "pheomelanin": (0.187, 0.4, 1.05),
+    "carotenoid": (0.0, 0.15, 1.37),
+}
+PIGMENTS = tuple(ABSORPTION)
+_MIN_UNPIGMENTED = 1e-4  # as there
+# values of places on vanes, besides colours, that shaders take
+SHADING = ("film", "barbule_tilt", *PIGMENTS)
 DEFAULT_PATTERN_SIZES = {"bars": 0.4, "spots": 0.02, "eye": 0.08, "fringe": 0.01, "streak": 0.01}
+_MARKED = "As that of the feather, as far as the mark covers; default: as below it."
 _DEFAULTS = ", ".join(f"{size:g} of {kind}" for kind, size in DEFAULT_PATTERN_SIZES.items())
 
 
@@ -34,7 +49,11 @@ class Pattern:
         "bars across the feather; spots, a row on either vane; fringe along the edge; gradient "
         "from base to tip; eye, round about the shaft; streak along the shaft.",
     ]
-    colour: Annotated[Shade, _COLOUR, "Red, green and blue as displays show them (sRGB)."]
+    colour: Annotated[
+        Shade | None,
+        _COLOUR,
+        "Red, green and blue as displays show them (sRGB); default: as below it.",
+    ] = None
     start: Annotated[float, _PLACE, "Where it begins, a share of the vane's length."] = 0.0
     end: Annotated[float, _PLACE, "Where it ends; later than start."] = 1.0
     count: Annotated[int, Number(1, 1000, whole=True), "Of bars, or of spots of a row."] = 6
@@ -52,6 +71,10 @@ class Pattern:
         _FILM,
         "As that of the feather, where the mark covers more than half; default: as below it.",
     ] = None
+    barbule_tilt: Annotated[float | None, _TILT, _MARKED] = None
+    eumelanin: Annotated[float | None, _PLACE, _MARKED] = None
+    pheomelanin: Annotated[float | None, _PLACE, _MARKED] = None
+    carotenoid: Annotated[float | None, _PLACE, _MARKED] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,16 +98,25 @@ class Colour:
         _FILM,
         "Thickness of a film on the vanes that shines by interference, for shaders; 0: none.",
     ] = 0.0
+    barbule_tilt: Annotated[
+        float, _TILT, "Angle of barbules out of their vane, by which a film shines, for shaders."
+    ] = 0.0
+    eumelanin: Annotated[
+        float, _PLACE, "Brown to black pigment, which filters the base; 1: all light."
+    ] = 0.0
+    pheomelanin: Annotated[float, _PLACE, "Rufous pigment, as eumelanin."] = 0.0
+    carotenoid: Annotated[float, _PLACE, "Yellow pigment, as eumelanin."] = 0.0
 
     @property
     def is_plain(self) -> bool:
         """True if there is nothing to write."""
-        return self.base is None and not self.has_film
+        return self.base is None and not self.shading
 
     @property
-    def has_film(self) -> bool:
-        """True if there is a film anywhere."""
-        return self.film > 0.0 or any(each.film for each in self.patterns)
+    def shading(self) -> tuple[str, ...]:
+        """Names of SHADING that differ from 0 anywhere."""
+        each = (self, *self.patterns)
+        return tuple(name for name in SHADING if any(getattr(own, name) for own in each))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,6 +204,14 @@ def _read(text: str, kind: type, name: str) -> dict[str, Any]:
     found = Table(keys_of(kind), name).check(told, place, False)
     problems.raise_any()
     return dict(found)
+
+
+def filtered(light: Array, pigments: Mapping[str, Array]) -> Array:
+    """(P, 3) what amounts (P,) of PIGMENTS, 0 to 1, leave of linear light (P, 3)."""
+    for name, amount in pigments.items():
+        left = np.maximum(1.0 - amount, _MIN_UNPIGMENTED)
+        light = light * left[:, None] ** np.array(ABSORPTION[name])
+    return light
 
 
 def linear(colour: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from featherfx.feather.types import (
     LEADING,
@@ -141,3 +142,13 @@ def frame_of(number, time, points, velocities) -> Frame:
     """A frame of given points and velocities, without accelerations."""
     still = [both(np.zeros_like, each) for each in points]
     return Frame(number, time, tuple(map(FeatherPose, points, velocities, still)))
+
+
+def usd_faults(stage):
+    """What USD's validators find, but nodes of MaterialX, which usd-core lacks; test_usd_materials
+    holds these against MaterialX itself."""
+    validation = pytest.importorskip("pxr.UsdValidation")
+    registry = validation.ValidationRegistry()
+    context = validation.ValidationContext(registry.GetOrLoadAllValidators())
+    found = [error.GetErrorAsString() for error in context.Validate(stage)]
+    return [each for each in found if "shaderId 'ND_" not in each]

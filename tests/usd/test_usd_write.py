@@ -333,16 +333,13 @@ def test_units_and_up_axis_are_converted(tmp_path, caches, unit, axis):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_usd_validators_have_no_complaint(caches, kind):
-    validation = pytest.importorskip("pxr.UsdValidation")
-    registry = validation.ValidationRegistry()
-    context = validation.ValidationContext(registry.GetOrLoadAllValidators())
     stage = Usd.Stage.Open(str(caches[kind]))
-    assert [error.GetErrorAsString() for error in context.Validate(stage)] == []
+    assert feathers.usd_faults(stage) == []
     # The validators do look at these prims: a broken subset is an error.
     stage.SetEditTarget(stage.GetSessionLayer())
     subset = UsdGeom.Subset.Get(stage, f"/{kind}/feathers/covert/rachis")
     subset.GetIndicesAttr().Set([0, 1])
-    assert context.Validate(stage)
+    assert feathers.usd_faults(stage)
 
 
 def test_rest_only_has_no_time(tmp_path):

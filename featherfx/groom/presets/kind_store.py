@@ -35,7 +35,7 @@ class KindStore:
     def __init__(self, library: Library) -> None:
         self._library = library
         self._changes: list[tuple[Tree, Place]] = []
-        self._shades: dict[int, Sourced] = {}
+        self._shades: dict[int, Tree] = {}
         self._kinds: dict[Any, FeatherKind | InputError] = {}
         self._adjusted: dict[Any, FeatherKind] = {}
 
@@ -44,10 +44,10 @@ class KindStore:
         self._changes.append((tree, place))
         return len(self._changes) - 1
 
-    def shade(self, base: tuple[float, ...], place: Place) -> int:
-        """Registers a base colour that leaves the rest of a kind's colour as it is."""
+    def shade(self, shade: dict[str, Any], place: Place) -> int:
+        """Registers keys of a colour that leave the rest of a kind's colour as it is."""
         number = self.change({}, place)
-        self._shades[number] = Sourced(base, place.source)
+        self._shades[number] = {name: Sourced(each, place.source) for name, each in shade.items()}
         return number
 
     def kind(self, choice: KindChoice) -> FeatherKind:
@@ -85,7 +85,7 @@ class KindStore:
             above, at = self._changes[number]
             tree = merge_tables(tree, above)
             if number in self._shades:
-                tree["colour"] = {**tree.get("colour", {}), "base": self._shades[number]}
+                tree["colour"] = {**tree.get("colour", {}), **self._shades[number]}
         return kind_of(name, library.finish("feather", tree, at), at)
 
     def adjusted(self, kind: FeatherKind, change: Change) -> FeatherKind:

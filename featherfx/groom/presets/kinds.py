@@ -11,7 +11,7 @@ import numpy as np
 from featherfx.groom.course import chord_angle
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import expected
-from featherfx.groom.looks import BarbLook, Colour, Pattern
+from featherfx.groom.looks import SHADING, BarbLook, Colour, Pattern
 from featherfx.groom.materials import (
     MAX_BAND_LOSS,
     MAX_LOSS_BAND_RATIO,
@@ -114,6 +114,9 @@ def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind:
         barbs=BarbLook(**values["barbs"]),
     )
     for index, pattern in enumerate(kind.colour.patterns):
+        if pattern.colour is None and all(getattr(pattern, name) is None for name in SHADING):
+            at = _at(tree, place, "colour", "patterns").item(index).child("colour")
+            at.fail(f"missing. Give a colour, or one of {', '.join(SHADING)}")
         if pattern.end <= pattern.start:
             file = _source(tree, "colour", "patterns")
             key = place.child(f"colour.patterns[{index}].end").key
@@ -384,7 +387,7 @@ def blended(first: Any, second: Any, weight: float) -> Any:
 
     weight: of the second, 0 to 1. Raises ValueError where the two hold tuples of different lengths.
     """
-    if isinstance(first, (str, Splits, BarbLook)):
+    if isinstance(first, (str, Splits, BarbLook)) or None in (first, second):
         return _nearer(first, second, weight)  # half of a split, or of a clump, is none
     if isinstance(first, Colour):
         return _blended_colour(first, second, weight)
@@ -412,18 +415,12 @@ def _blended_colour(first: Colour, second: Colour, weight: float) -> Colour:
     nearer = first if weight < 0.5 else second
     found: dict[str, Any] = {
         name: blended(getattr(first, name), getattr(second, name), weight)
-        for name in ("brightness_variation", "film")
+        for name in ("base", "rachis", "brightness_variation", *SHADING)
     }
-    for name in ("base", "rachis"):
-        ends = getattr(first, name), getattr(second, name)
-        found[name] = getattr(nearer, name) if None in ends else blended(*ends, weight)
     sorts = [[(p.kind, p.count, p.film) for p in each.patterns] for each in (first, second)]
     found["patterns"] = nearer.patterns
     if sorts[0] == sorts[1]:
-        plain, other = (
-            tuple(replace(p, film=0.0) for p in each.patterns) for each in (first, second)
-        )
-        marks = zip(blended(plain, other, weight), nearer.patterns, strict=True)
+        marks = zip(blended(first.patterns, second.patterns, weight), nearer.patterns, strict=True)
         found["patterns"] = tuple(
             replace(mark, count=own.count, film=own.film) for mark, own in marks
         )

@@ -423,7 +423,7 @@ def _read_condensed(stage: Any) -> Iterator[tuple[_ValueRanges, CachedFeather]]:
     for number, each in enumerate(expansion.feathers):
         own = _ValueRanges(mesh, each.points, slice(number, number + 1))
         shades = None if colours is None else colours[number]
-        film = None if shades is None else shades.film
+        film = None if shades is None else shades.shading.get("film")
         yield (
             own,
             CachedFeather(

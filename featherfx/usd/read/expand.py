@@ -27,7 +27,7 @@ from featherfx.errors import InputError, Problem, require, require_type
 from featherfx.feather.barb_looks import clumped, drawn_barbs
 from featherfx.feather.build import scale_feather
 from featherfx.feather.carry_kernels import keep_lengths
-from featherfx.feather.colours import FeatherColours, colour_feather
+from featherfx.feather.colours import FeatherColours, colour_feather, shading_of
 from featherfx.feather.density import density_map, scaled_map, scaled_points
 from featherfx.feather.detail import ThinnedGrid, choose_rows_and_nodes, restored
 from featherfx.feather.render import BARB_SEGMENTS
@@ -230,11 +230,11 @@ class Expansion:
 
     @cached_property
     def colours(self) -> tuple[FeatherColours, ...] | None:
-        """Return linear colours of each feather's points, rachis and barbs, and film in m."""
+        """Return linear colours of each feather's points, rachis and barbs, and its SHADING."""
         if not all(each.is_coloured for each in self._prims):
             return None
-        film = any(kind.colour.has_film for each in self._prims for kind in each.kinds)
-        return tuple(found for each in self._prims for found in each.colours(film))
+        shading = shading_of(kind for each in self._prims for kind in each.kinds)
+        return tuple(found for each in self._prims for found in each.colours(shading))
 
     def codes(self) -> list[float]:
         """Return time codes at which any of the feathers has samples."""
@@ -386,13 +386,13 @@ class _CondensedPrim:
         colours = parse_texts(self.prim, COLOUR_PRIMVAR, colour_of, len(kinds))
         return [replace(kind, colour=own) for kind, own in zip(kinds, colours, strict=True)]
 
-    def colours(self, film: bool) -> Iterator[FeatherColours]:
-        """Yield colours of each feather. film: whether its thickness is wanted."""
+    def colours(self, shading: Sequence[str]) -> Iterator[FeatherColours]:
+        """Yield colours of each feather. shading: names of SHADING that are wanted."""
         barbs: Sequence[BarbCurves | None] = self._drawn or [None] * len(self.feathers)
         for kind, built, own, each in zip(
             self.kinds, self._built, barbs, self.feathers, strict=True
         ):
-            yield colour_feather(kind, built, own, each.id, film)
+            yield colour_feather(kind, built, own, each.id, shading)
 
     def codes(self) -> list[float]:
         return read_times(self._curves.GetPointsAttr())

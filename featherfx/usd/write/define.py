@@ -38,12 +38,11 @@ from featherfx.usd.write.layers import (
     StageInfo,
     define_root,
 )
+from featherfx.usd.write.materials import choose_inputs, define_materials
 from featherfx.usd.write.posed_groups import PosedGroup
 from featherfx.usd.write.prims import (
     chart_primvar,
-    choose_inputs,
     define_barbs,
-    define_materials,
     define_mesh,
     define_rachises,
     label_primvars,
@@ -107,7 +106,8 @@ def define_prims(
     if MESH_PRIM in parts:  # else all that there is is drawn
         define_representations(stage, info, BARB_PRIM in parts)
     look = choose_inputs(entries, texture)
-    materials = define_materials(stage, info.root_path.AppendChild(MATERIALS_SCOPE), look)
+    scope = info.root_path.AppendChild(MATERIALS_SCOPE)
+    materials = define_materials(stage, scope, look, BARB_PRIM in parts)
     with Sdf.ChangeBlock():
         # prims stand in the order of the feathers, whichever of them is defined first
         for path in (path for own in prims.prims for path in own.values()):

@@ -11,7 +11,7 @@ import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from featherfx.algebra.rotation import frames_to_quats
-from featherfx.feather.colours import colour_feather, uniform
+from featherfx.feather.colours import colour_feather, shading_of, uniform
 from featherfx.feather.types import Feather
 from featherfx.files.atomic_write import standing
 from featherfx.files.content import stable_number
@@ -35,6 +35,7 @@ from featherfx.usd.write.layers import (
     new_layers,
     publish,
 )
+from featherfx.usd.write.materials import choose_inputs, define_materials
 from featherfx.usd.write.options import StageOptions
 from featherfx.usd.write.output import (
     MeshGroup,
@@ -45,7 +46,7 @@ from featherfx.usd.write.output import (
 )
 from featherfx.usd.write.posed_groups import PosedGroup
 from featherfx.usd.write.poses import make_posed_feathers
-from featherfx.usd.write.prims import author_shared, choose_inputs, define_materials, define_mesh
+from featherfx.usd.write.prims import author_shared, define_mesh
 
 _PLUMAGE, _PROTOTYPES = "plumage", "prototypes"
 
@@ -100,7 +101,7 @@ def _entries(
         first.setdefault(shape, placement)
     kinds = [first[number].kind for number in range(len(shapes))]
     coloured = any(not kind.colour.is_plain for kind in kinds)
-    film = any(kind.colour.has_film for kind in kinds)
+    shading = shading_of(kinds)
     return [
         FeatherEntry(
             id=f"{kind.name}_{number:04d}",
@@ -110,7 +111,7 @@ def _entries(
             rest_points=place(shape.rest, np.zeros(3), np.eye(3)),
             static=True,
             # instances of one shape are equally bright
-            colours=colour_feather(uniform(kind), shape, None, "", film) if coloured else None,
+            colours=colour_feather(uniform(kind), shape, None, "", shading) if coloured else None,
             look=look_text(kind.drawn_look),
             barb_count=kind.barb_count,
         )

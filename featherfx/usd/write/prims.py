@@ -8,25 +8,21 @@ A value per feather is constant on a prim of one feather. On a shared prim it is
 value for each face or curve, and tables list the points, faces and curves of each feather:
 featherRange:points and so on, first and number, in the order of featherId's values.
 
-Materials "vane" and "rachis" are UsdPreviewSurface; textures or a film add standard_surface of
-MaterialX (textures.py). They stand until look development binds others. Colours are those of the
-textures, else of displayColor, else of keratin. Iridescent feathers have the primvar filmThickness,
-which UsdPreviewSurface cannot use.
+Materials (materials.py) stand until look development binds others.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pxr import Gf, Sdf, UsdGeom, UsdShade
+from pxr import Sdf, UsdGeom, UsdShade
 
-from featherfx import usd
 from featherfx.algebra.types import Array, Indices
 from featherfx.feather.types import LEADING, RACHIS_PART, TRAILING, BarbCurves
 from featherfx.files.content import stable_number
-from featherfx.groom.looks import RACHIS_COLOUR, VANE_COLOUR
+from featherfx.groom.looks import PIGMENTS
 from featherfx.usd import arrays
 from featherfx.usd.types import (
     BARB_COLOUR_PRIMVARS,
@@ -42,11 +38,15 @@ from featherfx.usd.types import (
     SHAPE_SIZE_PRIMVAR,
     FeatherEntry,
 )
+from featherfx.usd.write.materials import MATERIAL_COLOURS
 
 if TYPE_CHECKING:
     from featherfx.usd.write.posed_groups import PosedGroup
 
 
+# primvars of SHADING by their keys, with units of theirs in one of the key's
+SHADING_PRIMVARS = {"film": ("filmThickness", 1e9), "barbule_tilt": ("barbuleTilt", 1.0)}
+SHADING_PRIMVARS |= {name: (name, 1.0) for name in PIGMENTS}
 SUBSETS = {"leadingVane": LEADING, "trailingVane": TRAILING, "rachis": RACHIS_PART}
 
 # type, interpolation and numbers of an element
@@ -68,8 +68,10 @@ _PRIMVARS = {
     # places in the images, and of rachises u, v, du, dv of the feather's own chart
     "atlas": (_TYPES.TexCoord2fArray, UsdGeom.Tokens.vertex, 1),
     "chart": (_TYPES.Float4Array, _CONSTANT, 1),
-    # nm
-    "filmThickness": (_TYPES.FloatArray, UsdGeom.Tokens.vertex, 1),
+    # nm, degrees, and 0 to 1
+    **dict.fromkeys(
+        ("filmThickness", "barbuleTilt", *PIGMENTS), (_TYPES.FloatArray, UsdGeom.Tokens.vertex, 1)
+    ),
     # 0 leading, 1 trailing, 2 rachis
     "side": (_TYPES.IntArray, UsdGeom.Tokens.uniform, 1),
     # of barbs: a number of each, its place on its vane from the base, and st of its root
@@ -179,7 +181,7 @@ def author_ranges(prim: Any, feathers: Sequence[Any], **starts: Indices) -> None
 def paint_primvars(entries: Sequence[FeatherEntry], part: str) -> dict[str, Any]:
     """Return the primvars that shaders take besides colours, as far as there are any.
 
-    These are places in the images (textures.py), and nm of film. part: MESH_PRIM or BARB_PRIM.
+    These are places in the images (textures.py) and SHADING. part: MESH_PRIM or BARB_PRIM.
     """
     values: dict[str, Any] = {}
     if entries[0].chart is not None:
@@ -189,11 +191,12 @@ def paint_primvars(entries: Sequence[FeatherEntry], part: str) -> dict[str, Any]
             if (chart := entry.chart) is not None
         ]
         values["atlas"] = arrays.vec2f(np.concatenate(places))
-    films = [
-        each.film if part == MESH_PRIM else each.barb_film for e in entries if (each := e.colours)
-    ]
-    if films and (found := [each for each in films if each is not None]):
-        values["filmThickness"] = arrays.floats(1e9 * np.concatenate(found))
+    colours = [each.colours for each in entries if each.colours is not None]
+    own = [each.shading if part == MESH_PRIM else each.barb_shading for each in colours]
+    for name in dict.fromkeys(name for each in own for name in each):
+        primvar, units = SHADING_PRIMVARS[name]
+        found = [each[name] for each in own if name in each]  # feathers without barbs have none
+        values[primvar] = arrays.floats(units * np.concatenate(found))
     return values
 
 
@@ -346,7 +349,7 @@ def define_barbs(
         author_primvars(prim, UsdGeom.Tokens.vertex, **{name: joined})
     drawn = np.diff(group.points[BARB_PRIM]).tolist()
     shades = join_shades(entries, "barbs", drawn)
-    _author_look(prim, "vane", materials, shades, "" if shades is None else UsdGeom.Tokens.vertex)
+    _author_look(prim, "barb", materials, shades, "" if shades is None else UsdGeom.Tokens.vertex)
 
 
 def barb_ids(feather: str, barbs: BarbCurves) -> Indices:
@@ -373,100 +376,3 @@ def define_polylines(stage: Any, path: Any, counts: Any) -> Any:
     curve.CreateWrapAttr(UsdGeom.Tokens.nonperiodic)
     curve.CreateCurveVertexCountsAttr(arrays.ints(counts))
     return curve
-
-
-MATERIAL_COLOURS = {"vane": VANE_COLOUR, "rachis": RACHIS_COLOUR}
-MATERIAL_ROUGHNESS = {"vane": 0.65, "rachis": 0.4}
-
-
-class MaterialInputs(NamedTuple):
-    """Inputs of the materials.
-
-    coloured: displayColor. film: filmThickness. texture: name of the images, whose coordinates are
-    the primvar atlas; empty: none.
-    """
-
-    coloured: bool = False
-    film: bool = False
-    texture: str = ""
-
-
-def choose_inputs(entries: Sequence[FeatherEntry], texture: str = "") -> MaterialInputs:
-    """Return the material inputs that feathers have."""
-    found = [entry.colours for entry in entries if entry.colours is not None]
-    coloured = len(found) == len(entries)
-    return MaterialInputs(coloured, coloured and found[0].film is not None, texture)
-
-
-def define_materials(stage: Any, scope: Any, look: MaterialInputs) -> dict[str, Any]:
-    """Define both materials under the path scope; return them by name."""
-    UsdGeom.Scope.Define(stage, scope)
-    made = {}
-    for name in MATERIAL_COLOURS:
-        material = UsdShade.Material.Define(stage, scope.AppendChild(name))
-        # rachises are outside of the charts
-        own = look if name == "vane" else look._replace(texture="", film=False)
-        nodes = MaterialNodes(stage, material.GetPath())
-        material.CreateSurfaceOutput().ConnectToSource(_preview_surface(nodes, name, own))
-        if look.texture or look.film:
-            material.CreateSurfaceOutput("mtlx").ConnectToSource(
-                usd.textures.standard_surface(nodes, name, own)
-            )
-        made[name] = material
-    return made
-
-
-class MaterialNodes:
-    """Shaders of a material."""
-
-    def __init__(self, stage: Any, path: Any) -> None:
-        self._stage, self._path = stage, path
-
-    def add(self, name: str, id: str, output: tuple[str, Any], **inputs: tuple[Any, Any]) -> Any:
-        """Add a shader and return its output. inputs: type, and value or another's output."""
-        shader = UsdShade.Shader.Define(self._stage, self._path.AppendChild(name))
-        shader.CreateIdAttr(id)
-        for each, (kind, value) in inputs.items():
-            put = shader.CreateInput(each, kind)
-            if isinstance(value, UsdShade.Output):
-                put.ConnectToSource(value)
-            else:
-                put.Set(value)
-        return shader.CreateOutput(*output)
-
-
-def _preview_surface(nodes: MaterialNodes, name: str, look: MaterialInputs) -> Any:
-    colour: Any = Gf.Vec3f(*MATERIAL_COLOURS[name])
-    if look.texture:
-        at = nodes.add(
-            "atlas",
-            "UsdPrimvarReader_float2",
-            ("result", _TYPES.Float2),
-            varname=(_TYPES.String, "atlas"),
-        )
-        colour = nodes.add(
-            "colour",
-            "UsdUVTexture",
-            ("rgb", _TYPES.Float3),
-            file=(_TYPES.Asset, look.texture),
-            st=(_TYPES.Float2, at),
-            sourceColorSpace=(_TYPES.Token, "sRGB"),
-            wrapS=(_TYPES.Token, "clamp"),
-            wrapT=(_TYPES.Token, "clamp"),
-            fallback=(_TYPES.Float4, Gf.Vec4f(*MATERIAL_COLOURS[name], 1.0)),
-        )
-    elif look.coloured:
-        colour = nodes.add(
-            "displayColor",
-            "UsdPrimvarReader_float3",
-            ("result", _TYPES.Float3),
-            varname=(_TYPES.String, "displayColor"),
-            fallback=(_TYPES.Float3, colour),
-        )
-    return nodes.add(
-        "surface",
-        "UsdPreviewSurface",
-        ("surface", _TYPES.Token),
-        diffuseColor=(_TYPES.Color3f, colour),
-        roughness=(_TYPES.Float, MATERIAL_ROUGHNESS[name]),
-    )

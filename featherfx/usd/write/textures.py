@@ -1,11 +1,9 @@
-"""Textures: images of the colours, and MaterialX shaders that use them or a film.
+"""Textures: images of the colours.
 
 A chart holds both vanes of one feather by its texture coordinates: the trailing one left of its
 middle, the leading one right of it, the root below. Every feather has its own, whatever it shares
 with others, so that it can be painted over. The border of a chart repeats its edge. Charts stand in
 square tiles, UDIM where there are several.
-
-A USD that was built without MaterialX does not know its nodes, and its validators report them.
 """
 
 from __future__ import annotations
@@ -20,7 +18,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Gf, Sdf, UsdShade
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import Problem
@@ -28,19 +25,6 @@ from featherfx.feather.colours import brightness, charted
 from featherfx.files.atomic_write import Store
 from featherfx.groom.looks import VANE_COLOUR, displayed
 from featherfx.usd.types import FeatherEntry, OutputError
-from featherfx.usd.write.prims import (
-    MATERIAL_COLOURS,
-    MATERIAL_ROUGHNESS,
-    MaterialInputs,
-    MaterialNodes,
-)
-
-# of the vanes' light, what goes through: as in pictures (featherfx/render/light_kernels.py)
-_THROUGH = 0.34
-# where there is a film: index of what is below it (that of the film is the shader's default), and
-# roughness; chosen by eye
-_BELOW_FILM, _PLAIN, _FILM_ROUGHNESS = 2.0, 1.5, 0.3
-_TYPES = Sdf.ValueTypeNames
 
 _MAX_TILE_SIDE = 4096  # pixels of a tile
 _BORDER = 2
@@ -179,60 +163,3 @@ def _save(image: NDArray[np.uint8], path: Path) -> None:
     told = PngInfo()
     told.add_text(_SIGNED, _signature(image))
     Image.fromarray(image).save(path, pnginfo=told)
-
-
-def standard_surface(nodes: MaterialNodes, name: str, look: MaterialInputs) -> Any:
-    """Return the standard_surface of a material, with transmitted light and film."""
-
-    def primvar(node: str, kind: str, type: Any, of: str, **default: tuple[Any, Any]) -> Any:
-        geomprop = (_TYPES.String, of)
-        return nodes.add(
-            node, f"ND_geompropvalue_{kind}", ("out", type), geomprop=geomprop, **default
-        )
-
-    colour: Any = Gf.Vec3f(*MATERIAL_COLOURS[name])
-    if look.texture:
-        at = primvar("mtlxAtlas", "vector2", _TYPES.Float2, "atlas")
-        colour = nodes.add(
-            "mtlxColour",
-            "ND_image_color3",
-            ("out", _TYPES.Color3f),
-            file=(_TYPES.Asset, look.texture),
-            default=(_TYPES.Color3f, colour),
-            texcoord=(_TYPES.Float2, at),
-        )
-        file = UsdShade.Shader(colour.GetPrim()).GetInput("file")
-        file.GetAttr().SetColorSpace("srgb_texture")
-    elif look.coloured:
-        default = {"default": (_TYPES.Color3f, colour)}
-        colour = primvar("mtlxDisplayColor", "color3", _TYPES.Color3f, "displayColor", **default)
-    inputs: dict[str, tuple[Any, Any]] = {
-        "base_color": (_TYPES.Color3f, colour),
-        "specular_roughness": (_TYPES.Float, MATERIAL_ROUGHNESS[name]),
-    }
-    if name == "vane":
-        inputs |= {
-            "subsurface": (_TYPES.Float, _THROUGH),
-            "subsurface_color": (_TYPES.Color3f, colour),
-            "thin_walled": (_TYPES.Bool, True),
-        }
-    if look.film:
-        film = primvar("mtlxFilm", "float", _TYPES.Float, "filmThickness")
-        for key, ends in {
-            "specular_IOR": (_BELOW_FILM, _PLAIN),
-            "specular_roughness": (_FILM_ROUGHNESS, MATERIAL_ROUGHNESS[name]),
-        }.items():
-            values = dict(zip(("in1", "in2"), ((_TYPES.Float, end) for end in ends), strict=True))
-            chosen = nodes.add(
-                f"mtlx_{key}",
-                "ND_ifgreater_float",
-                ("out", _TYPES.Float),
-                value1=(_TYPES.Float, film),
-                value2=(_TYPES.Float, 0.0),
-                **values,
-            )
-            inputs[key] = (_TYPES.Float, chosen)
-        inputs["thin_film_thickness"] = (_TYPES.Float, film)
-    return nodes.add(
-        "standard", "ND_standard_surface_surfaceshader", ("out", _TYPES.Token), **inputs
-    )
