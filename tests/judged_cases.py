@@ -14,7 +14,8 @@ from featherfx.solver.scratch import make_scratch
 from featherfx.solver.solver import Solver, StepReport, describe_overload, specific_energy
 from featherfx.solver.state import State
 from featherfx.solver.status import CONVERGED
-from featherfx.solver.step.energy_kernels import elastic_energy, stored_energy
+from featherfx.solver.step.energy_kernels import elastic_energy, stored_energy, viscous_energy
+from featherfx.solver.types import Strains
 
 # growth of energy that round-off and Newton's tolerance may cause, share of all energy there is
 ENERGY_SLACK = 1e-6
@@ -53,14 +54,16 @@ class CaseOutcome:
 
 
 def energies(model: Model, state: State, loads: Loads) -> tuple[float, float, float]:
-    """Kinetic, elastic and gravitational energy of feather 0, J."""
+    """Kinetic, elastic and gravitational energy of feather 0, J, with springs of dashpots."""
     heavy, nodes = model.mass[0], state.points.nodes[0]
     kinetic = 0.5 * float(np.einsum("np,npk->", heavy, state.velocity.nodes[0] ** 2))
     turning = np.einsum("np,npk->", model.rotary_inertia[0], state.velocity.directors[0] ** 2)
     kinetic += 0.5 * float(turning)
     potential = -float(np.einsum("np,npk,k->", heavy, nodes, loads.gravity))
     strains = pose_of(model, state).strains
-    elastic = float(elastic_energy(model, 0, strains, strains, state.gaps_of(0), 0.0, 0.0))
+    gaps, history = state.gaps_of(0), Strains(*(each[0] for each in state.strains))
+    elastic = float(elastic_energy(model, 0, strains, strains, gaps, 0.0, 0.0))
+    elastic += viscous_energy(model, 0, strains, history, gaps, 0.0)
     return kinetic, elastic, potential
 
 

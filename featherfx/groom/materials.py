@@ -28,22 +28,18 @@ class Profile:
 _STIFFNESS = Number(1e-10, 10, "N m")
 _YIELD = Number(1.0, 1e9, "Pa")
 _COMPLIANCE = Number(0, 1e9, "rad/N")
-_LOSS = Number(0, 2)
-_LOSS_MEANS = (
-    "Damping: tangent of the loss angle within `loss_band`; without one at the feather's first "
-    "frequency, and in proportion at others."
-)
-# of a band: highest over lowest frequency, and largest loss factor; four branches hold 0.1 to 8 %
-MAX_LOSS_BAND_RATIO, MAX_BAND_LOSS = 1000.0, 1.0
-_BAND = ArrayOf(Number(1e-3, 1e6, "Hz"), 0, 2)
+_LOSS = Number(0, 1)
+_LOSS_MEANS = "Damping: tangent of the loss angle within `loss_band`."
+# of a band: highest over lowest frequency; up to it three branches hold a loss to 8 %
+MAX_LOSS_BAND_RATIO = 300.0
+_BAND = ArrayOf(Number(1e-3, 1e6, "Hz"), 2, 2)
 _BAND_MEANS = (
-    "Lowest and highest frequency between which the loss factor holds, as 1 and 200, the highest "
-    "up to 1000 times the lowest; it falls beyond them."
+    "Lowest and highest frequency between which the loss factor holds, the highest up to 300 times "
+    "the lowest; it falls below them and grows above."
 )
 _REFERENCE = Number(0, 1e6, "Hz")
 _REFERENCE_MEANS = (
-    "Frequency at which the moduli of a material with a `loss_band` hold; 0: at rest. It is "
-    "stiffer the faster it moves."
+    "Frequency at which the moduli hold; 0: at rest. A material is stiffer the faster it moves."
 )
 
 
@@ -110,7 +106,7 @@ class VaneMaterial:
     ] = False
     poissons_ratio: Annotated[float, Number(0, 0.5), "Poisson's ratio of a ribbon."] = 0.3
     loss_factor: Annotated[float, _LOSS, _LOSS_MEANS] = 0.1
-    loss_band: Annotated[tuple[float, ...], _BAND, _BAND_MEANS] = ()
+    loss_band: Annotated[tuple[float, ...], _BAND, _BAND_MEANS] = (1.0, 200.0)
     reference_frequency: Annotated[float, _REFERENCE, _REFERENCE_MEANS] = 0.0
     permeability: Annotated[
         float,
@@ -185,5 +181,5 @@ class RachisMaterial:
     cortex_density: Annotated[float, Number(1, 2e4, "kg/m^3"), "Density of the cortex."]
     core_density: Annotated[float, Number(0, 2e4, "kg/m^3"), "Density of the core."] = 0.0
     loss_factor: Annotated[float, _LOSS, _LOSS_MEANS] = 0.1
-    loss_band: Annotated[tuple[float, ...], _BAND, _BAND_MEANS] = ()
+    loss_band: Annotated[tuple[float, ...], _BAND, _BAND_MEANS] = (1.0, 200.0)
     reference_frequency: Annotated[float, _REFERENCE, _REFERENCE_MEANS] = 0.0

@@ -70,7 +70,7 @@ _POWERS: dict[str, float | Array] = {
     "air_volume": 3.0,
     "closed": 0.0,
     "attached": 0.0,
-    "retardation": 1.0,
+    "retardation": 0.0,
     "relaxation_time": 0.0,
     "relaxation_weight": 0.0,
     "cell_guard": np.array([3.0, 0.0]),

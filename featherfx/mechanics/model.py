@@ -78,9 +78,8 @@ class Model(NamedTuple):
     air_volume: (F, n, 1 + 2 m) m^3, of the air that the vane carries (air_kernels).
     closed: (F,) part of the vane's area that air does not pass: 1 - permeability.
     attached: (F, 2) most and slope, 1/rad, of the coefficient of attached flow (node_kernels).
-    retardation: (F, 2) s, Kelvin-Voigt times of rachis and vane (loss factor / first frequency).
-    relaxation_time: (F, 2, B) s and relaxation_weight: (F, 2, B), of their Maxwell branches
-    (solver/damping); B is 0 where no material has a band.
+    retardation: (F, 2) s, of the dashpots of rachis and vane. relaxation_time: (F, 2, B) s and
+    relaxation_weight: (F, 2, B), of their Maxwell branches (solver/damping); B is 0 without loss.
     cell_guard: (F, 2, n-1, m, 2, 2), G (N m) and n of the compression guard (vane_guard_kernels),
     or (F, 0, 0, 0, 0, 0) where there is none. hooks: of the vane.
     """

@@ -22,8 +22,9 @@ SHOULDER, UPWARDS = np.array([[0.0, -0.2, 0.0], [0.0, 0.0, 1.0]])
 UP = from_rotation_vector(np.array([0.5 * np.pi, 0.0, 0.0]))
 # the coat stands up from the body, into where the wing comes to lie
 TILT = from_rotation_vector(np.array([0.0, -0.08, 0.0]))
-# feathers on either, and metres from each to the next
-COUNT, APART = 3, 0.02
+# feathers on either, and metres from each to the next; how far the wing's tips end within the
+# coat's vanes, since a tip that bounces on another may come down beside it
+COUNT, APART, BEHIND = 3, 0.02, 5e-3
 
 
 def folding(height: float, coat: str = "full") -> Shot:
@@ -38,6 +39,7 @@ def folding(height: float, coat: str = "full") -> Shot:
         winged, place = k >= COUNT, np.array([0.0, APART * (k % COUNT), 0.0])
         if winged:
             place = UP @ (place + height * UPWARDS - SHOULDER) + SHOULDER
+            place[0] -= BEHIND
         feathers.append(
             replace(
                 each,

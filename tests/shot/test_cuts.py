@@ -266,7 +266,7 @@ def test_cuts_are_named_and_denied(tmp_path):
     """A way that is shorter than a feather is a motion, unless the shot names it."""
     short = (0.04, 0.0, 0.03)
     write_skin(tmp_path / "skin.usda", straight, ((1, 1, 1), (0, 0, 0)))
-    _, whole = baked(tmp_path)
+    _, whole = baked(tmp_path, subframes=2)  # as steps end there, too
     write_skin(tmp_path / "skin.usda", straight, ((1, 1, 1), short))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -275,7 +275,8 @@ def test_cuts_are_named_and_denied(tmp_path):
         report, cut = baked(tmp_path, "cuts = [8]", subframes=2)
     assert report["cuts"] == [8]
     for code, points in whole.items():
-        assert np.abs(cut[code] - points - np.array(short) * (code > LAST)).max() < 1e-4
+        away = np.array(short) * (code > LAST)
+        assert code % 1 or np.abs(cut[code] - points - away).max() < 1e-4
     assert np.abs(led[9.0] - whole[9.0] - short).max() > 3e-4
     write_skin(tmp_path / "skin.usda", straight, ((1, 1, 1), (0.5, 0, 0)))
     with warnings.catch_warnings():

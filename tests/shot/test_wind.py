@@ -161,6 +161,7 @@ def test_the_edge_of_a_vane_in_a_strong_gust_converges(tmp_path):
     (tmp_path / "g.toml").write_text(PRIMARY)
     (tmp_path / "s.toml").write_text(STRONG_GUST)
     shot = replace(read_shot(tmp_path / "s.toml"), settle=False)
-    runs = [run(at_rows(shot, rows)) for rows in (29, 57, 113)]
+    runs = [run(at_rows(shot, rows)) for rows in (29, 85, 113)]
     assert max(errors(runs[0], runs[2])) < 0.012
-    assert max(errors(runs[1], runs[2])) < 0.4 * max(errors(runs[0], runs[2]))
+    # of first order it would be 0.11
+    assert max(errors(runs[1], runs[2])) < 0.2 * max(errors(runs[0], runs[2]))

@@ -179,14 +179,3 @@ def test_a_storm_does_not_force_small_steps() -> None:
                     steps[number] += report.steps[0]
         assert np.median(steps) == frames
         assert steps.max() <= 5 * frames
-
-
-def test_damping_is_that_of_a_feather_alone() -> None:
-    """To the last bit, beside its mirror image as well, and as of that."""
-    kind = preset_kind("body_contour")
-    sides = [build_feather(kind, 11, 4, mirrored) for mirrored in (False, True)]
-    both = with_damping(make_model(sides, [kind, kind], 1), [kind, kind])
-    for f, side in enumerate(sides):
-        alone = with_damping(make_model([side], [kind], 1), [kind])
-        assert alone.retardation[0].tobytes() == both.retardation[f].tobytes()
-    assert both.retardation[0].tobytes() == both.retardation[1].tobytes()

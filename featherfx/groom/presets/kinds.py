@@ -13,7 +13,6 @@ from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import expected
 from featherfx.groom.looks import SHADING, BarbLook, Colour, Pattern
 from featherfx.groom.materials import (
-    MAX_BAND_LOSS,
     MAX_LOSS_BAND_RATIO,
     MAX_PROFILE_FACTOR,
     MIN_PROFILE_FACTOR,
@@ -154,15 +153,10 @@ def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind:
 
 
 def _check_band(material: RachisMaterial | VaneMaterial, place: Place) -> None:
-    band = material.loss_band
-    if not band:
-        return
-    if len(band) == 1 or not band[0] < band[1] <= MAX_LOSS_BAND_RATIO * band[0]:
-        message = "a band is a lowest and a highest frequency. Give two, the second above the first"
+    lowest, highest = material.loss_band
+    if not lowest < highest <= MAX_LOSS_BAND_RATIO * lowest:
+        message = "a band is a lowest and a highest frequency. Give the second above the first"
         place.child("loss_band").fail(f"{message} and up to {MAX_LOSS_BAND_RATIO:g} times as high")
-    if material.loss_factor > MAX_BAND_LOSS:
-        message = f"{material.loss_factor:g} is out of range. Give up to {MAX_BAND_LOSS:g} with"
-        place.child("loss_factor").fail(f"{message} a loss_band")
 
 
 def _check_hooks(vane: VaneMaterial, tree: Tree, place: Place) -> None:

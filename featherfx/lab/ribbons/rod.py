@@ -433,10 +433,12 @@ def damped(model: Model, loss_factor: float) -> Model:
     """The rod of a material with a loss factor from 1 to 200 Hz."""
     if loss_factor == 0.0:
         return model
-    times, weights = (
-        each[None, None].repeat(2, 1) for each in fit_branches(loss_factor, _LOSS_BAND)
+    dashpot, times, weights = fit_branches(loss_factor, _LOSS_BAND)
+    return model._replace(
+        retardation=np.full((1, 2), dashpot),
+        relaxation_time=np.tile(times, (1, 2, 1)),
+        relaxation_weight=np.tile(weights, (1, 2, 1)),
     )
-    return model._replace(relaxation_time=times, relaxation_weight=weights)
 
 
 def posed(model: Model, loads: Loads, state: State) -> SolverScratch:

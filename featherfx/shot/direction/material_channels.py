@@ -3,8 +3,8 @@
 With the values of a feather's channels, 1 where there are none:
 
     moduli of shaft, barbs and vane     stiffness times
-    retardation times                   damping / sqrt(stiffness) times, so that the share of the
-                                        energy that a swing loses is damping times what it was
+    dashpots and branches               damping times, so that the share of the energy that a swing
+                                        loses is damping times what it was
     weight                              gravity times: dead forces (gravity - 1) m g
     velocity of the wind                wind times, gusts included
 
@@ -111,7 +111,7 @@ class DirectedMaterial(GroupLoad):
         for name in _MODULI:
             values = getattr(model, name)
             scaled[name] = values * stiffness.reshape(-1, *[1] * (values.ndim - 1))
-        times = model.retardation * (damping / np.sqrt(stiffness))[:, None]
+        times = model.retardation * damping[:, None]
         weights = model.relaxation_weight * damping[:, None, None]
         return model._replace(retardation=times, relaxation_weight=weights, **scaled)
 

@@ -110,7 +110,8 @@ def damped_modes(model: Model, feather: int, count: int, air_density: float = 0.
     for _ in range(_MAX_MODE_ITERATIONS if times.size else 1):
         turn = p[:, None, None] * times
         stiffer = (parts * (weights * turn / (1.0 + turn)).sum(axis=2)).sum(axis=1)
-        p = np.sqrt(half**2 - square * (1.0 + stiffer)) - half
+        root = np.sqrt(half**2 - square * (1.0 + stiffer))
+        p = np.where(root.imag < 0.0, -root, root) - half
     swings = p.imag > 0.0
     period = np.where(swings, p.imag, 1.0)
     decrement = np.where(swings, 2.0 * np.pi * np.abs(p.real) / period, np.inf)

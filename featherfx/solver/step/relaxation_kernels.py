@@ -1,8 +1,8 @@
 """Stresses of damped strains at the end of a step, and the history that they depend on.
 
 A material whose loss hardly depends on the frequency (solver/damping) is a Maxwell model of B
-branches, springs in series with dashpots. One whose loss grows with it is Kelvin-Voigt, of a time
-t. Of a strain s with the stiffness k at rest,
+branches, springs in series with dashpots, and a dashpot of a time t alone. Of a strain s with the
+stiffness k at rest,
 
     stress = k (s + t ds/dt + sum_i g_i (s - v_i)),      dv_i/dt = (s - v_i) / t_i
 
