@@ -20,10 +20,10 @@ from featherfx.coat.fields import (
     find_tilts,
     make_coat_mesh,
     make_fields,
-    slope_of_leaf,
 )
 from featherfx.coat.forms import PlaneForms
 from featherfx.coat.leaf_kernels import (
+    DOWN_SHARE,
     CarrierArrays,
     LeafArrays,
     RootArrays,
@@ -46,8 +46,8 @@ from featherfx.files.background import count_cores
 _MIN_STRENGTH = 0.3
 # share of the curvature's sagitta that gaps make room for: chords of neighbours are bent alike
 _SAGITTA_SHARE = 0.5
-# of the rise of leaves at their ends, by which their tips may be pressed down: half the gap is left
-_PRESSED_SHARE = 0.25
+# of the thickness of a coat, that it may be pressed down by
+_PRESSED_SHARE = 0.15
 _FEATHERS_AT_ONCE = 256  # that a thread draws
 _USUAL_SPACING = CoatSpacing()
 
@@ -82,18 +82,26 @@ class Coat:
         value = np.stack([self.values, lift], axis=1)
         return RootArrays(own.triangle, own.place, ways, value, self.depths, roll)
 
+    def turned(self, numbers: Indices, turns: Array) -> Coat:
+        """The coat with some feathers turned within their vanes at the roots. turns: (K,) rad."""
+        headings, normals = self.follicles.heading.copy(), self.rest.normals[:, :3]
+        own = headings[numbers]
+        side = np.cross(unit(self.follicles.corners(self.mesh, normals)[numbers]), own)
+        headings[numbers] = np.cos(turns)[:, None] * own + np.sin(turns)[:, None] * side
+        return replace(self, heading=_by_sides(self.rest, self.mesh, self.follicles, headings))
+
     def arrays(self, carrier: Carrier, lift: Array | None = None) -> CarrierArrays:
         """The carrier in a pose as kernels take it. lift: (V, 2) m, a and r besides the coat's
-        own. What presses the coat down keeps a part of the space between leaves."""
+        own. What presses the coat down makes it thinner above the roots, which keeps its order."""
         own, mesh = self.fields, self.mesh
         bent, raised = np.zeros((2, len(own.phi))) if lift is None else lift.T
         down = np.minimum(bent, 0.0) + np.minimum(raised, 0.0)
-        room = _PRESSED_SHARE * own.thickness * slope_of_leaf(np.ones(1), own.steepness)
-        tips = own.lift + np.maximum(bent, 0.0) + room * np.expm1(down / room)
-        raised = np.maximum(raised, 0.0)
-        columns = own.phi, own.gain, own.thickness, own.steepness, tips, raised
+        room = _PRESSED_SHARE * own.thickness
+        pressed = room * np.expm1(down / room)
+        up = own.lift + np.maximum(bent, 0.0), np.maximum(raised, 0.0)
+        columns = own.phi, own.gain, own.thickness + pressed, own.steepness, *up
         return CarrierArrays(
-            points=carrier.points,
+            points=carrier.points - DOWN_SHARE * pressed[:, None] * carrier.normals[:, :3],
             normals=carrier.normals,
             faces=mesh.faces,
             neighbours=mesh.neighbours,
@@ -109,6 +117,12 @@ def _sides(carrier: Carrier, mesh: CoatMesh, triangle: Indices) -> Array:
     return np.asarray((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1))
 
 
+def _by_sides(carrier: Carrier, mesh: CoatMesh, follicles: Follicles, ways: Array) -> Array:
+    """Return (F, 2), vectors (F, 3) at the follicles by the sides of their triangles."""
+    sides = np.linalg.pinv(_sides(carrier, mesh, follicles.triangle))
+    return np.asarray(np.einsum("fij,fj->fi", sides, ways))
+
+
 def grow_coat(
     points: Array, faces: Indices, follicles: Follicles, spacing: CoatSpacing = _USUAL_SPACING
 ) -> Coat:
@@ -122,8 +136,7 @@ def grow_coat(
     follicles = follicles._replace(heading=find_headings(mesh, rest, follicles))
     fields = make_fields(mesh, rest, follicles, tilts[:, 0], spacing)
     tilts[:, 0] -= follicles.corners(mesh, fields.rise)
-    sides = np.linalg.pinv(_sides(rest, mesh, follicles.triangle))
-    own = np.einsum("fij,fj->fi", sides, follicles.heading)
+    own = _by_sides(rest, mesh, follicles, follicles.heading)
     values = follicles.corners(mesh, fields.phi)
     depths, rooms = np.zeros(len(values)), np.full(len(values), np.inf)
     coat = Coat(mesh, rest, fields, follicles, own, values, depths, tilts, rooms)

@@ -87,7 +87,9 @@ def plumage(moved, hollow=0.0, above=None):
     groom = lay_out(Groom("rows", Path("rows.toml"), feathers, skin=corners, layout=Layout()))
     drawn = build_feathers(groom.feathers, 11, 4)
     skin = CarriedPoints(groom.coat.coat.mesh.points, [TimedSurface(sheet, StageClock())])
-    return groom.feathers, drawn, MovingCoat(groom.coat.coat, skin, groom.feathers, drawn, above)
+    bent = np.arange(len(drawn))
+    coat = MovingCoat(groom.coat.coat, skin, groom.feathers, drawn, bent, above)
+    return groom.feathers, drawn, coat
 
 
 def drawn_at(parts, time, roots=None, step=1e-2, bend=None, led=None):
@@ -210,8 +212,9 @@ def test_what_bends_one_feather_lifts_those_around_in_their_order(rise):
     assert rachis[:, :, 2].min() > rest.nodes[:, :, 0, 2].min() - 1e-9
 
 
-def test_a_turn_within_the_vane_stays_on_the_leaf():
-    parts, angle = plumage(lambda points, time: points), 0.2
+@pytest.mark.parametrize("angle", [0.2, -0.7])
+def test_a_turn_within_the_vane_stays_on_the_leaf(angle):
+    parts = plumage(lambda points, time: points)
     one, led = len(parts[0]) // 2, np.array([p.rotation for p in parts[0]])
     turn = led[one] @ vectors_to_frames(np.array([0.0, 0.0, angle])) @ led[one].T
     led[one] = turn @ led[one]
@@ -227,6 +230,8 @@ def test_a_turn_within_the_vane_stays_on_the_leaf():
     ways = [each.nodes[one, -1, 0] - each.nodes[one, 0, 0] for each in (rest, found)]
     before, after = (np.arctan2(way[1], way[0]) for way in ways)
     assert after - before == pytest.approx(angle, abs=0.02)
+    (x, _, z), (at, _, height) = found.nodes[one, 3:, 0].T, rest.nodes[one, :, 0].T
+    np.testing.assert_allclose(z, np.interp(x, at, height), atol=1e-4)
     np.testing.assert_allclose(
         np.delete(found.nodes, one, 0), np.delete(rest.nodes, one, 0), atol=2e-4
     )

@@ -26,14 +26,15 @@ _NO_LENGTH = 1e-12  # m, of a piece that has no direction
 class LeafFeet(NamedTuple):
     """Feathers over a carrier at rest, F of them.
 
-    values: (F,) m, p. feet: (F, n, 1 + 2 m) triangles, weights: (F, n, 1 + 2 m, 3) barycentric, and
-    offsets: (F, n, 1 + 2 m, 3) m, o. directors: (F, n, 2, 3) in the frames of their rows. steps:
-    (F, n - 1) m and pieces: (F, 2, n, m) m, lengths.
+    values: (F,) m, p. feet: (F, n, 1 + 2 m) triangles, weights: (F, n, 1 + 2 m, 3) barycentric,
+    places: s, and offsets: (F, n, 1 + 2 m, 3) m, o. directors: (F, n, 2, 3) in the frames of their
+    rows. steps: (F, n - 1) m and pieces: (F, 2, n, m) m, lengths.
     """
 
     values: Array
     feet: Indices
     weights: Array
+    places: Array
     offsets: Array
     directors: Array
     steps: Array
@@ -41,15 +42,15 @@ class LeafFeet(NamedTuple):
 
 
 class VaneMotion(NamedTuple):
-    """Feathers whose turns within their vanes are drawn, K of them, and K at rest.
+    """Turns within the vanes of B of K feathers.
 
-    nodes: (K, n, 1 + 2 m, 3) m. directors: (K, n, 2, 3). first: (K,) rad, turn of the first row.
-    roll: (K,) rad, of the vane about the rachis. rest: plane forms at rest.
+    nodes: (B, n, 1 + 2 m, 3) m. directors: (B, n, 2, 3). order: (K,) number of each among B, -1 for
+    one as at rest. roll: (K,) rad, of the vane about the rachis. rest: plane forms (K) at rest.
     """
 
     nodes: Array
     directors: Array
-    first: Array
+    order: Indices
     roll: Array
     rest: PlaneForms
 
@@ -188,10 +189,12 @@ def _angle(way, lateral, dorsal):
 
 
 @kernel
-def _find_turns(motion, f, turns):
+def _find_turns(motion, f, b, turns):
     """Turns of rows and of the chords after them from rest. Written: turns (n, 2) rad."""
-    nodes, directors, rest = motion.nodes[f], motion.directors[f], motion.rest
-    turns[0, 0] = motion.first[f]
+    turns[:] = 0.0
+    if b < 0:
+        return
+    nodes, directors, rest = motion.nodes[b], motion.directors[b], motion.rest
     for i in range(nodes.shape[0] - 1):
         way = sub(nodes[i + 1, 0], nodes[i, 0])
         ahead = _angle(way, directors[i, 0], directors[i, 1]) - rest.ahead[f, i]
@@ -201,34 +204,43 @@ def _find_turns(motion, f, turns):
 
 
 @kernel
+def _barb_turn(motion, f, b, i, side, j):
+    """Turn of a barb's piece j within the vane from rest, rad."""
+    m = motion.rest.angles.shape[3]
+    nodes, directors, column = motion.nodes[b, i], motion.directors[b, i], 1 + side * m + j
+    now = sub(nodes[column], nodes[column - 1 if j > 0 else 0])
+    return _angle(now, directors[0], directors[1]) - motion.rest.angles[f, side, i, j]
+
+
+@kernel
 def draw_over(carrier, leaves, motion, made, room, low, high):
     """Draw feathers low to high - 1 over a carrier. motion: VaneMotion. room: ImageRoom. Written:
     made, nodes (F, n, 1 + 2 m, 3) m and directors (F, n, 2, 3)."""
     nodes, directors = made
     rows, m = nodes.shape[1], leaves.pieces.shape[3]
     for f in range(low, high):
+        b, roll = motion.order[f], motion.roll[f]
         _draw_images(carrier, leaves, f, room)
         _draw_rachis(leaves.steps[f], room)
-        _find_turns(motion, f, room.turns)
+        _find_turns(motion, f, b, room.turns)
         first = room.rachis[0]
         at = first[0], first[1], first[2]
         for i in range(rows):
             axes, imaged = _row_frames(room, leaves.steps[f], i)
-            axes = _rolled(axes, motion.roll[f])
+            axes, turn = _rolled(axes, roll), room.turns[i, 0]
             store(nodes[f, i, 0], at)
             for k in range(2):
                 own = _from_axes(leaves.directors[f, i, k], axes)
-                store(directors[f, i, k], _turned(own, axes, room.turns[i, 0]))
+                store(directors[f, i, k], _turned(own, axes, turn))
             for side in range(2):
                 end, before, way = at, 0, axes[1]
-                lateral, dorsal = motion.directors[f, i, 0], motion.directors[f, i, 1]
                 for j in range(m):
                     column = 1 + side * m + j
-                    now = sub(motion.nodes[f, i, column], motion.nodes[f, i, before])
-                    angle = _angle(now, lateral, dorsal) - motion.rest.angles[f, side, i, j]
                     own = sub(room.image[i, column], room.image[i, before])
                     way = _direction(_from_axes(_seen(own, imaged), axes), way)
-                    piece = _turned(way, axes, room.turns[i, 0] + angle)
+                    piece = way
+                    if b >= 0:
+                        piece = _turned(way, axes, turn + _barb_turn(motion, f, b, i, side, j))
                     end = combined(1.0, end, leaves.pieces[f, side, i, j], piece)
                     store(nodes[f, i, column], end)
                     before = column

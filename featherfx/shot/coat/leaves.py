@@ -28,7 +28,7 @@ from functools import cached_property
 
 import numpy as np
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots, face_products, unit
 from featherfx.coat.carrier import Carrier, pose_carrier
 from featherfx.coat.ceiling import find_ceiling, limit_rises
@@ -53,6 +53,7 @@ _LIFT_REACH = 0.5
 # ones, whose errors grow with it, and second ones, which differences of rounding would swamp
 _INSTANT, _STEP_RATIO = 1e-4, 0.02
 _LEAST_ROOM = 1e-9  # rad, to roll in
+_LEAST_TURN = 1e-6  # rad, of a first row
 _LEAST_COSINE = 0.1  # of the pitch of roots: steeper ones raise a coat no further
 _NO_HEIGHT = 1e-9  # m, of the coat's points off the skin of the shot
 
@@ -91,8 +92,8 @@ def _find_axes(corners: Array) -> Array:
 
 @dataclass(frozen=True)
 class PosedFeathers:
-    """Feathers at one time: points (K) in the world, roots (K) on the skin, and those (K) that
-    channels have led, which are the same without any."""
+    """Feathers at one time: points (B) in the world of those that bend, roots (K) on the skin, and
+    those (K) that channels have led, which are the same without any."""
 
     points: RowPoints
     roots: RootFrames
@@ -102,8 +103,9 @@ class PosedFeathers:
 class MovingCoat:
     """Some feathers of a coat on a skin that moves.
 
-    placements, drawn: of the K feathers. above: (N, 3) m, points that may lie over them at rest;
-    None where nothing raises them.
+    placements, drawn: of the K feathers. bent: (B,) those of K whose deviations the coat takes; the
+    others only lie on it. above: (N, 3) m, points that may lie over them at rest; None where
+    nothing raises them.
     """
 
     def __init__(
@@ -112,58 +114,69 @@ class MovingCoat:
         skin: CarriedPoints,
         placements: Sequence[Placement],
         drawn: Sequence[Feather],
+        bent: Indices,
         above: Array | None = None,
     ) -> None:
-        self._coat, self._skin = coat, skin
+        self._coat, self._skin, self._bent = coat, skin, bent
         self._pool = ThreadPoolExecutor(count_cores())
         self._numbers = numbers = np.array([each.leaf.number for each in placements])
         plane = build_plane_feathers(placements, drawn[0].rows, drawn[0].columns)
-        forms = plane_forms(placements, plane)
-        rest = stacked([feather.rest for feather in drawn])
+        self._forms = plane_forms(placements, plane)
+        self._rest = rest = stacked([feather.rest for feather in drawn])
         self._length = coat.follicles.length[numbers]
-        self._rachis, self._dorsal = rest.nodes[:, :, 0], rest.directors[:, :, 1]
-        self._lain = make_plane_forms(rest.nodes, rest.directors, forms.bare)
-        lain = draw(coat, coat.rest, forms, numbers)
+        self._lain = make_plane_forms(rest.nodes, rest.directors, self._forms.bare)
+        self._order = np.full(len(numbers), -1)
+        self._order[bent] = np.arange(len(bent))
+        self._straight = straight = self._lay(np.zeros(len(numbers)))
+        self._turned = np.zeros(0), straight
+        self._feet, places = straight.feet[:, :, 0], straight.places
+        self._place = np.maximum(places[:, :, 0], 0.0)
+        self._tips = self._means(self._place**4, bent)
+        left = coat.rooms[numbers] - np.abs(coat.deviations[numbers, 1])
+        self._rooms = np.maximum(left, _LEAST_ROOM)
+        self._ceiling = np.full(len(coat.mesh.points), np.inf)
+        if above is not None:
+            reach = np.ones_like(self._ceiling)
+            np.maximum.at(reach, coat.mesh.faces[straight.feet], places[..., None])
+            ways = self._find_ways(coat.rest)
+            self._ceiling = find_ceiling(coat, above, reach, ways)
+
+    def _lay(self, turns: Array) -> LeafFeet:
+        """The feathers on their leaves at rest, turned within their vanes by (K,) rad."""
+        coat, numbers, forms = self._coat, self._numbers, self._forms
+        lain = draw(coat.turned(numbers, turns), coat.rest, forms, numbers)
         # a copy: of another layout all kernels would be compiled once more
         own = np.broadcast_to(np.eye(3)[1:], lain.directors.shape).copy()
-        self._leaves = LeafFeet(
+        leaves = LeafFeet(
             values=coat.values[numbers],
             feet=lain.feet,
             weights=lain.weights,
+            places=lain.places,
             offsets=np.empty_like(lain.nodes),
             directors=own,
             steps=forms.steps,
             pieces=forms.pieces,
         )
         arrays = coat.arrays(coat.rest)
-        kernels.find_offsets(arrays, self._leaves, lain.nodes, 0, len(numbers))
-        flat = np.zeros(len(numbers))
-        still = VaneMotion(*rest, flat, flat, self._lain)
-        side, normal = self._draw(arrays, still).directors.swapaxes(0, 2).swapaxes(1, 2)
+        kernels.find_offsets(arrays, leaves, lain.nodes, 0, len(numbers))
+        still = VaneMotion(*self._rest, np.full(len(numbers), -1), 0.0 * turns, self._lain)
+        side, normal = self._draw(arrays, leaves, still).directors.swapaxes(0, 2).swapaxes(1, 2)
         axes = np.stack([np.cross(side, normal), side, normal], axis=-2)
-        self._leaves = self._leaves._replace(directors=lain.directors @ axes.swapaxes(-1, -2))
-        self._feet, self._place = lain.feet[:, :, 0], np.maximum(lain.places[:, :, 0], 0.0)
-        self._tips = self._means(self._place**4)
-        left = coat.rooms[numbers] - np.abs(coat.deviations[numbers, 1])
-        self._rooms = np.maximum(left, _LEAST_ROOM)
-        self._ceiling = np.full(len(coat.mesh.points), np.inf)
-        if above is not None:
-            reach = np.ones_like(self._ceiling)
-            np.maximum.at(reach, coat.mesh.faces[lain.feet], lain.places[..., None])
-            ways = self._find_ways(coat.rest)
-            self._ceiling = find_ceiling(coat, above, reach, ways)
+        return leaves._replace(directors=lain.directors @ axes.swapaxes(-1, -2))
 
     @cached_property
     def _raised(self) -> SkinMeans:
         shares = (1.0 + HINGE) * self._place**2 / (self._place + HINGE)
-        return self._means(shares**2)
+        return self._means(shares**2, slice(None))
 
-    def _means(self, weights: Array) -> SkinMeans:
-        """Means over the skin of what rachises have at their nodes. weights: (F, n)."""
-        coat, triangle = self._coat, self._feet.ravel()
+    def _means(self, weights: Array, chosen: Indices | slice) -> SkinMeans:
+        """Means over the skin of what rachises of chosen feathers have at their nodes. weights:
+        (K, n)."""
+        coat, triangle = self._coat, self._feet[chosen].ravel()
         reach = _LIFT_REACH * float(np.median(coat.follicles.length))
         middle = SkinPlaces(triangle, np.full((len(triangle), 3), 1.0 / 3.0))
-        return SkinMeans(coat.rest.elements, coat.mesh.faces, reach, middle, weights.ravel())
+        own = weights[chosen].ravel()
+        return SkinMeans(coat.rest.elements, coat.mesh.faces, reach, middle, own)
 
     def follow(
         self,
@@ -175,9 +188,9 @@ class MovingCoat:
     ) -> list[RowPoints]:
         """Feathers on their leaves at the end of a span of time (s), and their two rates.
 
-        given: points on their roots, and their two rates; roots: as the skin carries them rigidly,
-        and their two rates; led: the same as channels have led them, default roots. with_second:
-        else the second rates are nan.
+        given: points of the bent on their roots, and their two rates; roots: of all as the skin
+        carries them rigidly, and their two rates; led: the same as channels have led them, default
+        roots. with_second: else the second rates are nan.
         """
         instant, step = _INSTANT * (span[1] - span[0]), _STEP_RATIO * (span[1] - span[0])
         times = [0.0, -instant, *((-step, -2.0 * step) if with_second else ())]
@@ -193,7 +206,8 @@ class MovingCoat:
             carrier = pose_carrier(self._coat.mesh, self._skin.at(span[1] + time))
             lift = self._lift(each)
             arrays = self._coat.arrays(self._part(carrier, lift[:, 1]), lift)
-            drawn.append(self._draw(arrays, self._motion(each)))
+            turns, motion = self._motion(each)
+            drawn.append(self._draw(arrays, self._on_leaves(turns), motion))
         now, before, *earlier = drawn
         if earlier:
             second = both(lambda x, y, z: (x - 2.0 * y + z) / (step * step), now, *earlier)
@@ -207,19 +221,23 @@ class MovingCoat:
 
     def _part(self, carrier: Carrier, raised: Array) -> Carrier:
         """The carrier, with the ways along which its coat is raised, (V,) m, for normals."""
-        if not raised.any():
+        up = np.maximum(raised, 0.0)
+        if not up.any():
             return carrier
         smooth, own = np.hsplit(carrier.normals, 2)
-        share = (raised / (raised + self._coat.fields.thickness))[:, None]
+        share = (up / (up + self._coat.fields.thickness))[:, None]
         ways = unit((1.0 - share) * smooth + share * self._find_ways(carrier))
         return replace(carrier, normals=np.hstack([ways, own]))
 
     def _lift(self, posed: PosedFeathers) -> Array:
         """(V, 2) m, a and r of the coat."""
         position, rotation = posed.led
-        local = (posed.points.nodes[:, :, 0] - position[:, None]) @ rotation
-        across = np.einsum("fnk,fnk->fn", local - self._rachis, self._dorsal)
-        bent = self._tips((across / np.where(self._place > 0.0, self._place, 1.0) ** 2).ravel())
+        own = self._bent
+        local = (posed.points.nodes[:, :, 0] - position[own, None]) @ rotation[own]
+        away = local - self._rest.nodes[own, :, 0]
+        across = np.einsum("fnk,fnk->fn", away, self._rest.directors[own, :, 1])
+        place = self._place[own]
+        bent = self._tips((across / np.where(place > 0.0, place, 1.0) ** 2).ravel())
         up = posed.roots.rotations[:, :, 2]
         sine = dots(rotation[:, :, 0], up)
         rise = dots(position - posed.roots.positions, up)
@@ -229,14 +247,23 @@ class MovingCoat:
         raised = self._raised(np.repeat(rise, self._feet.shape[1]))
         return np.stack([bent, limit_rises(raised, self._ceiling)], axis=1)
 
-    def _motion(self, posed: PosedFeathers) -> VaneMotion:
-        """Return what turns within the vanes, and what they roll by."""
+    def _motion(self, posed: PosedFeathers) -> tuple[Array, VaneMotion]:
+        """Return (K,) rad, turns of the first rows, what turns after them, and rolls."""
         led, own = posed.led.rotations, posed.roots.rotations
         x, y = (dots(led[:, :, 0], own[:, :, k]) for k in range(2))
         first = np.arctan2(y, x)
         side = np.cross(own[:, :, 2], led[:, :, 0])
         roll = np.arctan2(-dots(side, led[:, :, 2]), dots(side, led[:, :, 1]))
-        return VaneMotion(*posed.points, first, self.limit_rolls(roll), self._lain)
+        return first, VaneMotion(*posed.points, self._order, self.limit_rolls(roll), self._lain)
+
+    def _on_leaves(self, turns: Array) -> LeafFeet:
+        """The feathers with first rows turned by (K,) rad."""
+        turns = np.where(np.abs(turns) > _LEAST_TURN, turns, 0.0)
+        if not turns.any():
+            return self._straight
+        if not np.array_equal(turns, self._turned[0]):
+            self._turned = turns, self._lay(turns)
+        return self._turned[1]
 
     def limit_rolls(self, rolls: Array) -> Array:
         """Return (K,) rad, rolls as far as leaves leave room. rolls: (K,) rad."""
@@ -248,9 +275,8 @@ class MovingCoat:
         faces = self._coat.mesh.faces[self._feet[:, -1]]
         return limit_rises(rises, self._ceiling[faces].mean(axis=1))
 
-    def _draw(self, arrays: CarrierArrays, motion: VaneMotion) -> RowPoints:
+    def _draw(self, arrays: CarrierArrays, leaves: LeafFeet, motion: VaneMotion) -> RowPoints:
         """The feathers over a carrier."""
-        leaves = self._leaves
         made = RowPoints(np.empty_like(leaves.offsets), np.empty(leaves.directors.shape))
         shape = made.nodes.shape[1:]
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from featherfx.algebra.types import Array, Flags
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputWarning, count_feathers
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import stacked
@@ -47,7 +47,8 @@ class CoatStage(Stage):
         run, shot = self.run, self.run.shot
         assert shot.skin is not None
         self._coat: MovingCoat | None = None
-        self._members = run.wanted[self._may_lie()[run.wanted]]
+        shown = np.union1d(run.wanted, run.solved)
+        self._members = shown[self._may_lie()[shown]]
         surfaces = [each for each, _ in surfaces_under(shot.skin, self._members, shot.run_up)]
         is_still = all(each.surface.sampled is None for each in surfaces) and not shot.channels
         surfaces = [] if is_still else surfaces
@@ -58,7 +59,10 @@ class CoatStage(Stage):
         coat = shot.groom.coat.coat
         skin = CarriedPoints(coat.mesh.points, surfaces)
         above = self._find_above() if shot.channels else None
-        self._coat = MovingCoat(coat, skin, own, [run.drawn[f] for f in self._members], above)
+        run.lifted = self._find_lifted()
+        bent = np.flatnonzero(~np.isin(self._members, run.lifted))
+        drawn = [run.drawn[f] for f in self._members]
+        self._coat, self._bent = MovingCoat(coat, skin, own, drawn, bent, above), bent
         self._motion: Roots = run.motion
         if shot.channels:  # which turn feathers on their leaves
             plain = undirected_motion(shot)
@@ -66,6 +70,15 @@ class CoatStage(Stage):
             clock = StageClock(0.0, 1.0, shot.frames_per_second, shot.frame_cuts)
             self._motion = CutRoots(whole, clock)
             self._warn_of_limits(self._coat)
+
+    def _find_lifted(self) -> Indices:
+        """Numbers of guided feathers all of whose guides are members: they take the coat's lift."""
+        guidance = self.run.guidance
+        if guidance is None or courses(self.run.shot, ("follow",)):
+            return self.run.lifted
+        others = ~np.isin(guidance.guides, self._members)
+        own = guidance.weights @ others.astype(float) == 0.0
+        return np.intersect1d(guidance.members[own], self._members)
 
     def _warn_of_limits(self, coat: MovingCoat) -> None:
         """Warn once of feathers whose channels ask for more than there is room for."""
@@ -121,14 +134,15 @@ class CoatStage(Stage):
         span = self.run.time(index - 1), self.run.time(index)
         self._warn_inside_out(index, span[1])
         members = self._members.tolist()
-        before = [poses[f] for f in members]
+        before = [poses[f] for f in self._members[self._bent]]
         given = [stacked([getattr(pose, name) for pose in before]) for name in _RATES]
         led = self._root_rates(self.run.motion, span)
         roots = led if self._motion is self.run.motion else self._root_rates(self._motion, span)
         moving = self._coat.follow(given, roots, span, led, self.run.with_accelerations)
         drawn = [each.each() for each in moving]
-        for f, pose, *values in zip(members, before, *drawn, strict=True):
-            poses[f] = replace(pose, **dict(zip(_RATES, values, strict=True)))
+        for f, *values in zip(members, *drawn, strict=True):
+            rates = dict(zip(_RATES, values, strict=True))
+            poses[f] = replace(poses[f], **rates) if f in poses else FeatherPose(**rates)
 
     def _root_rates(self, motion: Roots, span: tuple[float, float]) -> list[RootFrames]:
         """Roots of the coat's feathers at the end of a span (s), and their two rates."""

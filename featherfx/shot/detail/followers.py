@@ -6,6 +6,7 @@ Guides are seen from their moving roots, and what follows them is carried back i
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from featherfx.algebra.types import Array, Indices
 from featherfx.feather.types import Feather, RowPoints, both, stacked
 from featherfx.shot.detail import guided_kernels as kernels
 from featherfx.shot.detail.guided import Followers, Shapes
-from featherfx.shot.detail.guides import guide_weights
+from featherfx.shot.detail.guides import Guidance, guide_weights
 from featherfx.shot.frames import FeatherPose
 from featherfx.shot.loop.run import ShotRun, Stage
 from featherfx.shot.roots import RootFrames, Roots, root_rates
@@ -41,52 +42,61 @@ class FollowerStage(Stage):
 
     def __init__(self, run: ShotRun) -> None:
         super().__init__(run)
-        shot, drawn, placements = run.shot, run.drawn, run.shot.groom.feathers
-        posed = run.wanted
-        rigid = np.intersect1d(run.options.at_level("rigid"), posed)
-        self._rigid = {f: drawn[f] for f in rigid.tolist()}
+        rigid = np.intersect1d(run.options.at_level("rigid"), run.wanted)
+        self._rigid = {f: run.drawn[f] for f in rigid.tolist()}
         guided = run.options.at_level("guided")
-        self._guided = guided[np.isin(guided, posed)]
-        run.rigid, run.guided = len(rigid), len(self._guided)
-        if not len(self._guided):
-            return
-        guides, weights = guide_weights(shot, guided, run.options.leading)
-        weights = weights[np.isin(guided, posed)]
-        used = np.unique(weights.indices)
-        self._guides, weights = guides[used], weights[:, used]
+        run.rigid, run.guided = len(rigid), int(np.isin(guided, run.wanted).sum())
+        if run.guided:
+            found = Guidance(guided, *guide_weights(run.shot, guided, run.options.leading))
+            run.guidance = found.without(np.setdiff1d(guided, run.wanted))
+        if run.guidance is not None:
+            run.solve_also(run.guidance.guides)
+
+    @cached_property
+    def _followed(self) -> tuple[Guidance, Followers] | None:
+        """Guided feathers that follow points of their guides, not a coat's field."""
+        found, run = self.run.guidance, self.run
+        if found is None or (found := found.without(run.lifted)) is None:
+            return None
+        placements = run.shot.groom.feathers
         own, others = (
-            Shapes([drawn[f] for f in members], [placements[f].mirrored for f in members])
-            for members in (self._guided, self._guides)
+            Shapes([run.drawn[f] for f in members], [placements[f].mirrored for f in members])
+            for members in (found.members, found.guides)
         )
-        self._followers = Followers(own, others, weights)
-        run.solve_also(self._guides)
+        return found, Followers(own, others, found.weights)
 
     def follow(self, index: int, poses: dict[int, FeatherPose]) -> None:
         """Add the poses of rigid and guided feathers at a sample."""
         motion, start, end = self.run.motion, self.run.time(index - 1), self.run.time(index)
         if self._rigid:
             poses |= rigid_poses(self._rigid, motion, start, end)
-        if len(self._guided):
-            poses |= self._guided_poses(poses, motion, start, end)
+        if self._followed is not None:
+            poses |= _guided_poses(*self._followed, poses, motion, (start, end))
 
-    def _guided_poses(
-        self, guides: Mapping[int, FeatherPose], motion: Roots, start: float, end: float
-    ) -> dict[int, FeatherPose]:
-        """Poses of the guided at a time `end` (s), by number; start: s, of the sample before."""
-        poses = [guides[int(f)] for f in self._guides]
-        given = [
-            stacked([getattr(pose, name) for pose in poses])
-            for name in ("points", "velocities", "accelerations")
-        ]
-        points, rates, seconds = seen_from_roots(given, rates_of(motion, self._guides, start, end))
-        posed, step = self._followers.moving(points, rates, seconds, end - start)
-        roots = tuple(map(tuple, rates_of(motion, self._guided, start, end)))
-        # each place is read before it is written over
-        world = posed if posed[0] is not posed[1] else [both(np.copy, each) for each in posed]
-        for part, shifted in enumerate((1.0, 0.0)):  # nodes, directors
-            vectors = [tuple(_flat(each[part]) for each in many) for many in (posed, world)]
-            kernels.in_world(vectors[0], step, shifted, roots, vectors[1])
-        return _by_number(self._guided, world)
+
+def _guided_poses(
+    guidance: Guidance,
+    followers: Followers,
+    solved: Mapping[int, FeatherPose],
+    motion: Roots,
+    span: tuple[float, float],
+) -> dict[int, FeatherPose]:
+    """Poses of guided feathers at the end of a span (s) between two samples, by number."""
+    (start, end), members = span, guidance.members
+    poses = [solved[int(f)] for f in guidance.guides]
+    given = [
+        stacked([getattr(pose, name) for pose in poses])
+        for name in ("points", "velocities", "accelerations")
+    ]
+    points, rates, seconds = seen_from_roots(given, rates_of(motion, guidance.guides, start, end))
+    posed, step = followers.moving(points, rates, seconds, end - start)
+    roots = tuple(map(tuple, rates_of(motion, members, start, end)))
+    # each place is read before it is written over
+    world = posed if posed[0] is not posed[1] else [both(np.copy, each) for each in posed]
+    for part, shifted in enumerate((1.0, 0.0)):  # nodes, directors
+        vectors = [tuple(_flat(each[part]) for each in many) for many in (posed, world)]
+        kernels.in_world(vectors[0], step, shifted, roots, vectors[1])
+    return _by_number(members, world)
 
 
 def rates_of(motion: Roots, members: Indices, start: float, end: float) -> list[RootFrames]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,9 @@ from featherfx.shot.types import Shot
 from featherfx.solver.solver import Solver, limit_iterations
 from featherfx.solver.state import rest_state
 
+if TYPE_CHECKING:
+    from featherfx.shot.detail.guides import Guidance
+
 Arrays = dict[str, NDArray[Any]]
 
 
@@ -62,7 +65,8 @@ class ShotRun:
     the motion does not begin at rest, or `begin`. motion: of the roots, brought up from rest, with
     cuts. drawn: all feathers on the meshes' grid. wanted: numbers of those in the frames; solved:
     of those that are stepped if they are simulated. islands: (F,) contact group of each, or ALONE.
-    rigid, guided: number of wanted feathers that are not simulated. with_accelerations: whether
+    rigid, guided: number of wanted feathers that are not simulated. guidance: of the guided.
+    lifted: numbers of those that a coat draws by its fields alone. with_accelerations: whether
     frames have those of feathers that are drawn anew, else nan. groups: batches; step_groups:
     the same, as they are stepped together.
     """
@@ -87,6 +91,8 @@ class ShotRun:
         self.solved = self.wanted
         self.islands = np.full(len(self.drawn), ALONE)
         self.rigid = self.guided = 0
+        self.guidance: Guidance | None = None
+        self.lifted: Indices = np.zeros(0, dtype=np.int64)
         self.with_accelerations = True
         self.groups: list[FeatherGroup] = []
         self.step_groups: list[StepGroup] = []
