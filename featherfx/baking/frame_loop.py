@@ -100,13 +100,19 @@ def _write_frames(
     done: int,
     notify: Callable[[int, int], None],
 ) -> Background:
-    """Go through a simulation, and draw and write the samples that are not done beside it; return
-    what wrote them."""
+    """Go through a simulation, draw the samples that are not done beside it, and write them beside
+    both; return what wrote them."""
     samples = task.samples
     writing = Background(sink.write, 1)  # frames of a plumage are large
 
+    def draw_one(draw: Callable[[], Frame], checkpoint: Checkpoint | None) -> None:
+        frame = draw()
+        writing.wait()  # so that no other waits meanwhile
+        writing(frame, checkpoint)
+
+    drawing = Background(draw_one, 1)
     eta = FrameEta(samples - done, samples - done)
-    with writing:
+    with writing, drawing:
         frames = (
             simulation.samples(
                 lambda sample: sink.writer.ends_chunk(sample), task.options.accelerations
@@ -116,8 +122,8 @@ def _write_frames(
         )
         with phase("simulating", silent=True) as progress:
             for draw, checkpoint in frames:
-                writing.wait()  # so that no other waits meanwhile
-                writing(draw, checkpoint)
+                drawing.wait()
+                drawing(draw, checkpoint)
                 del draw, checkpoint  # large
                 eta.simulated += 1
                 eta.finished = eta.simulated - 1
@@ -125,6 +131,7 @@ def _write_frames(
                 done += 1
                 notify(done, samples)
         with phase("writing"):
+            drawing.close()
             writing.close()
     return writing
 
@@ -185,9 +192,9 @@ class CacheSink:
         assert self._compared is not None
         self.writer.tell(self._compared.result())
 
-    def write(self, draw: Callable[[], Frame], checkpoint: Checkpoint | None) -> None:
-        """Draw and write the next sample, and at the end of a chunk the checkpoint."""
-        frame, shot = draw(), self._task.shot
+    def write(self, frame: Frame, checkpoint: Checkpoint | None) -> None:
+        """Write the next sample, and at the end of a chunk the checkpoint."""
+        shot = self._task.shot
         ratio = (shot.time_codes_per_second or shot.frames_per_second) / shot.frames_per_second
         if ratio != 1.0:
             frame = frame.in_seconds_of(ratio)
