@@ -14,9 +14,9 @@ from featherfx.algebra.types import Array, Indices
 from featherfx.feather.types import Feather, RowPoints, both, stacked
 from featherfx.shot.detail import guided_kernels as kernels
 from featherfx.shot.detail.guided import Followers, Shapes
-from featherfx.shot.detail.guides import Guidance, guide_weights
+from featherfx.shot.detail.guides import guide_weights
 from featherfx.shot.frames import FeatherPose
-from featherfx.shot.loop.run import ShotRun, Stage
+from featherfx.shot.loop.run import Guidance, ShotRun, Stage
 from featherfx.shot.roots import RootFrames, Roots, root_rates
 
 

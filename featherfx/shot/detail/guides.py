@@ -58,24 +58,6 @@ class GuideRule(NamedTuple):
     spacing: float | None
 
 
-class Guidance(NamedTuple):
-    """Guided feathers. members: (F,) their numbers. guides: (G,) those that they follow. weights:
-    sparse (F, G)."""
-
-    members: Indices
-    guides: Indices
-    weights: Any
-
-    def without(self, others: Indices) -> Guidance | None:
-        """Return what is left without some feathers, by number; None where nothing is."""
-        left = ~np.isin(self.members, others)
-        weights = self.weights[left]
-        used = np.unique(weights.indices)
-        return (
-            Guidance(self.members[left], self.guides[used], weights[:, used]) if used.size else None
-        )
-
-
 def with_guides(shot: Shot, levels: Sequence[str], rules: Sequence[GuideRule]) -> list[str]:
     """Levels of all feathers, some of those that were to be guided made "full": the guides.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,9 +36,6 @@ from featherfx.shot.types import Shot
 from featherfx.solver.solver import Solver, limit_iterations
 from featherfx.solver.state import rest_state
 
-if TYPE_CHECKING:
-    from featherfx.shot.detail.guides import Guidance
-
 Arrays = dict[str, NDArray[Any]]
 
 
@@ -56,6 +53,24 @@ class StepGroup(Protocol):
 
     def advance(self, index: int) -> Advanced:
         """Bring the feathers from the sample before to a sample. Raises SimulationError."""
+
+
+class Guidance(NamedTuple):
+    """Guided feathers. members: (F,) their numbers. guides: (G,) those that they follow. weights:
+    sparse (F, G)."""
+
+    members: Indices
+    guides: Indices
+    weights: Any
+
+    def without(self, others: Indices) -> Guidance | None:
+        """Return what is left without some feathers, by number; None where nothing is."""
+        left = ~np.isin(self.members, others)
+        weights = self.weights[left]
+        used = np.unique(weights.indices)
+        return (
+            Guidance(self.members[left], self.guides[used], weights[:, used]) if used.size else None
+        )
 
 
 class ShotRun:
