@@ -25,8 +25,10 @@ from bodies import (
     distance,
     eye,
     landmarks,
+    leant,
     neck,
     parts,
+    skull_of,
     smooth,
     toes,
 )
@@ -40,15 +42,21 @@ STEP = 12  # frames from one step to the next
 PUPIL, IRIS = 28.0, 52.0  # deg from the middle of the eye; the rest is its lid
 
 
-# joint: parent, pivot
-JOINTS = {
-    "body": ("", (-0.01, 0.0, 0.17)),
-    "neck": ("body", (0.055, 0.0, 0.195)),
-    "head": ("neck", (0.108, 0.0, 0.272)),
-    "tail": ("body", (-0.095, 0.0, 0.14)),
-    "leg_left": ("body", (0.005, 0.028, 0.125)),
-    "leg_right": ("body", (0.005, -0.028, 0.125)),
-}
+def joints(build):
+    """Parent and pivot, (3,) m at the pigeon's size, of each joint by name."""
+    (sole, _), wide = toes(build), build.trunk[1]
+    found = {
+        "body": ("", (-0.01, 0.0, 0.17)),
+        "neck": ("body", neck(build)[0] - (0.005, 0.0, 0.005)),
+        "head": ("neck", skull_of(build) - build.head * np.array((0.009, 0.0, 0.013))),
+        "tail": ("body", leant(build, (-0.095, 0.0, 0.14))),
+    }
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        found[f"leg_{side}"] = "body", (0.005, sign * 0.028 * wide, 0.125)
+        heel = (-0.012, sign * 0.029 * wide, build.legs.heel)
+        found[f"tarsus_{side}"] = f"leg_{side}", heel
+        found[f"foot_{side}"] = f"tarsus_{side}", sole * (1.0, sign, 1.0)
+    return {name: (parent, np.array(pivot)) for name, (parent, pivot) in found.items()}
 
 
 def without_feathers(points, build):
@@ -185,20 +193,41 @@ def part_shares(points, build):
     return {name: value / total for name, value in raw.items()}
 
 
-def joint_weights(points, shares):
+def along_neck(points, build):
+    """(V,) place of points beside the neck, 0 where it begins to 1 in the skull, and on beyond."""
+    path = neck(build)
+    steps = np.diff(path, axis=0)
+    long = np.append(0.0, np.cumsum(np.linalg.norm(steps, axis=1)))
+    found, nearest = np.zeros(len(points)), np.full(len(points), np.inf)
+    for k, step in enumerate(steps):
+        low, high = -np.inf if k == 0 else 0.0, np.inf if k == len(steps) - 1 else 1.0
+        share = np.clip((points - path[k]) @ step / (step @ step), low, high)
+        away = np.linalg.norm(points - path[k] - share[:, None] * step, axis=1)
+        place = (long[k] + share * (long[k + 1] - long[k])) / long[-1]
+        found, nearest = np.where(away < nearest, place, found), np.minimum(away, nearest)
+    return found
+
+
+def joint_weights(points, shares, build):
     """(V, J) weights of the joints."""
-    x, y, z = points.T
-    along_neck = (points - np.array((0.05, 0, 0.185))) @ np.array((0.55, 0.0, 0.835))
-    moved = smooth(along_neck, 0.0, 0.05)
-    head = smooth(along_neck, 0.075, 0.115)
-    tail = smooth(-x, 0.075, 0.12)
+    _, y, z = points.T
+    place, (sole, _) = along_neck(points, build), toes(build)
+    moved, head = smooth(place, -0.18, 0.31), smooth(place, 0.56, 0.95)
     leg = shares["leg"] * smooth(-z, -0.13, -0.105)
-    weights = np.zeros((len(points), len(JOINTS)))
-    weights[:, 1], weights[:, 2] = moved * (1.0 - head), moved * head
-    weights[:, 3] = tail * (1.0 - moved)
-    weights[:, 4], weights[:, 5] = leg * (y > 0), leg * (y <= 0)
-    weights[:, 0] = np.maximum(1.0 - weights[:, 1:].sum(axis=1), 0.0)
-    return weights / weights.sum(axis=1, keepdims=True)
+    tarsus = smooth(-z, -build.legs.heel - 0.003, 0.007 - build.legs.heel)
+    foot = smooth(-z, -sole[2] - 0.008, -sole[2])
+    weights = {
+        "neck": moved * (1.0 - head),
+        "head": moved * head,
+        "tail": smooth(-leant(build, points, -1.0)[:, 0], 0.075, 0.12) * (1.0 - moved),
+    }
+    for side, beside in (("left", y > 0), ("right", y <= 0)):
+        weights[f"leg_{side}"] = leg * (1.0 - tarsus) * beside
+        weights[f"tarsus_{side}"] = leg * tarsus * (1.0 - foot) * beside
+        weights[f"foot_{side}"] = leg * tarsus * foot * beside
+    weights["body"] = np.maximum(1.0 - sum(weights.values()), 0.0)
+    found = np.stack([weights[name] for name in joints(build)], axis=1)
+    return found / found.sum(axis=1, keepdims=True)
 
 
 def thrust(phase):
@@ -279,22 +308,23 @@ def bind_rigidly(skeleton, mesh, joints):
     api.CreateGeomBindTransformAttr(Gf.Matrix4d(1.0))
 
 
-def bind_skeleton(stage, mesh, eyes, claws, points, shares):
+def bind_skeleton(stage, build, mesh, eyes, claws, points, shares):
+    """Bind meshes to a skeleton at rest; return it, and local pivots, m, by path."""
     skeleton = UsdSkel.Skeleton.Define(stage, "/pigeon/skeleton")
-    paths = {}
-    for name, (parent, _) in JOINTS.items():
+    known, paths = joints(build), {}
+    for name, (parent, _) in known.items():
         paths[name] = f"{paths[parent]}/{name}" if parent else name
-    pivots = {name: np.array(pivot) for name, (_, pivot) in JOINTS.items()}
+    pivots = {name: build.size * pivot for name, (_, pivot) in known.items()}
+    local = {n: pivots[n] - (pivots[p] if p else 0.0) for n, (p, _) in known.items()}
     skeleton.CreateJointsAttr(list(paths.values()))
-    bind = [Gf.Matrix4d().SetTranslate(Gf.Vec3d(*pivots[name])) for name in JOINTS]
-    local = {n: pivots[n] - (pivots[p] if p else 0.0) for n, (p, _) in JOINTS.items()}
-    skeleton.CreateBindTransformsAttr(bind)
-    skeleton.CreateRestTransformsAttr(
-        [Gf.Matrix4d().SetTranslate(Gf.Vec3d(*map(float, local[name]))) for name in JOINTS]
-    )
+    for make_attribute, places in (
+        (skeleton.CreateBindTransformsAttr, pivots),
+        (skeleton.CreateRestTransformsAttr, local),
+    ):
+        make_attribute([Gf.Matrix4d().SetTranslate(Gf.Vec3d(*p.tolist())) for p in places.values()])
     api = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
     api.CreateSkeletonRel().SetTargets([skeleton.GetPath()])
-    weights = joint_weights(points, shares)
+    weights = joint_weights(points, shares, build)
     strongest = np.argsort(-weights, axis=1)[:, :3]
     values = np.take_along_axis(weights, strongest, axis=1)
     values = values / values.sum(axis=1, keepdims=True)
@@ -303,20 +333,26 @@ def bind_skeleton(stage, mesh, eyes, claws, points, shares):
     shaped = Vt.FloatArray.FromNumpy(values.astype(np.float32).ravel())
     api.CreateJointWeightsPrimvar(False, 3).Set(shaped)
     api.CreateGeomBindTransformAttr(Gf.Matrix4d(1.0))
-    bind_rigidly(skeleton, eyes, np.full(1, list(JOINTS).index("head")))
-    left, right = list(JOINTS).index("leg_left"), list(JOINTS).index("leg_right")
+    bind_rigidly(skeleton, eyes, np.full(1, list(known).index("head")))
+    left, right = list(known).index("foot_left"), list(known).index("foot_right")
     count = len(claws.GetPointsAttr().Get())
     bind_rigidly(skeleton, claws, np.where(np.arange(count) < count // 2, left, right))
+    return skeleton, dict(zip(paths.values(), local.values(), strict=True))
+
+
+def add_walk(stage, skeleton, local):
+    """Add the walk as animation of a skeleton. local: pivots, m, by path."""
     animation = UsdSkel.Animation.Define(stage, "/pigeon/skeleton/walk")
-    animation.CreateJointsAttr(list(paths.values()))
+    animation.CreateJointsAttr(list(local))
+    still = (0.0, 0.0, 0.0)
     for frame in range(FRAMES):
         rotations, shift = poses(float(frame))
-        moved = [local[name] + (shift if name == "body" else 0.0) for name in JOINTS]
-        animation.CreateTranslationsAttr().Set([Gf.Vec3f(*map(float, m)) for m in moved], frame + 1)
-        animation.CreateRotationsAttr().Set(
-            [quaternion([float(a) for a in rotations[name]]) for name in JOINTS], frame + 1
-        )
-    animation.CreateScalesAttr().Set([Gf.Vec3h(1, 1, 1)] * len(JOINTS))
+        moved = [at + (shift if path == "body" else 0.0) for path, at in local.items()]
+        animation.CreateTranslationsAttr().Set([Gf.Vec3f(*m.tolist()) for m in moved], frame + 1)
+        turns = [rotations.get(path.rpartition("/")[2], still) for path in local]
+        turned = [quaternion([float(a) for a in each]) for each in turns]
+        animation.CreateRotationsAttr().Set(turned, frame + 1)
+    animation.CreateScalesAttr().Set([Gf.Vec3h(1, 1, 1)] * len(local))
     UsdSkel.BindingAPI.Apply(skeleton.GetPrim()).CreateAnimationSourceRel().SetTargets(
         [animation.GetPath()]
     )
@@ -342,8 +378,9 @@ def make(path, bird="pigeon"):
     mesh = define_mesh(stage, "body", build.size * points, faces, colours, maps)
     eyes = define_mesh(stage, "eyes", *eye_mesh(build))
     claws = define_mesh(stage, "claws", *claw_mesh(build))
+    skeleton, local = bind_skeleton(stage, build, mesh, eyes, claws, points, shares)
     if bird == "pigeon":
-        bind_skeleton(stage, mesh, eyes, claws, points, shares)
+        add_walk(stage, skeleton, local)
     stage.GetRootLayer().Save()
     return len(points), len(faces)
 

@@ -12,7 +12,6 @@ from featherfx.usd.check import judge
 # bounds that a sample passes; an entry goes when they are kept
 PASSED = {
     "torn_feather": {"lengths"},  # lips of open splits keep no lengths
-    "owl_flight": {"pops"},  # primaries flutter faster than frames at draft
 }
 # the other small ones are baked by tests/cli/test_samples_bake.py
 SMALL = {"breeze": 4, "wet_feather": 2}

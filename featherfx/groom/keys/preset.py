@@ -411,7 +411,8 @@ MOTION_KEYS: dict[str, dict[str, Key]] = {
             TextsByName(),
             "Joints of the skin's skeleton that joints of the groom drive, by the names of these: "
             "paths, or their ends. They stand as the act has the groom's, since the skin's rest. "
-            "neck, head, right_leg and left_leg need no joint in the groom.",
+            "neck, head, right_leg, right_tarsus, right_foot and the left ones need none in the "
+            "groom.",
             {},
         ),
         "steady_head": Key(

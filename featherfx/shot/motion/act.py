@@ -8,6 +8,9 @@ R their rotations against their parents and F that of the part, a joint whose pa
 against its parent at rest, so that the axes of F are the groom's in the pose before. Turns about a
 joint's own hinge go with the joint. A fold replaces the one that parts before have brought a joint
 to, by its amount; an act does so with all that parts before have done to joints that it folds.
+
+The lift that heaves a body leans with its bank: it goes along n, the axis across the body's heading
+and its left, and its mean still bears the weight, so that a height h is heaved as h n / n_up.
 """
 
 from __future__ import annotations
@@ -16,7 +19,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from featherfx.algebra.types import Indices
+from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vectors import unit
 from featherfx.shot.motion.body_joints import HEAD
 from featherfx.shot.motion.joints import (
     JointPoses,
@@ -29,16 +33,39 @@ from featherfx.shot.motion.motion import joint_poses, scaled_turns
 from featherfx.shot.motion.steady_head import SteadyHead
 from featherfx.shot.types import Motion, Shot
 
+# share of a body's lift that bears its weight: of one that is level, and least that counts, so
+# that bodies on their sides do not heave without bound
+_LEVEL, _MIN_SHARE = 1.0 - 1e-12, 0.5
+
 
 def acted(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
     """Poses of the parts of an act, one upon the other, with a steady head.
 
     A part whose joints the groom lacks is left out. Raises InputError where none is left.
     """
-    poses, share = _composed(motion, shot, skeleton), motion.values.get("steady_head", 0.0)
+    calm = _composed(_without_heave(motion), shot, skeleton)
+    poses = _banked(_composed(motion, shot, skeleton), calm, -unit(shot.gravity))
+    share = motion.values.get("steady_head", 0.0)
     if share == 0.0 or HEAD not in skeleton.names:
         return poses
-    return SteadyHead(poses, _composed(_without_heave(motion), shot, skeleton), skeleton, share)
+    return SteadyHead(poses, calm, skeleton, share)
+
+
+def _banked(poses: PosesOverTime, calm: PosesOverTime, up: Array) -> PosesOverTime:
+    """Poses whose heave leans with the bank. calm: without heave. up: (3,)."""
+
+    def leant(time: float) -> JointPoses:
+        found = poses(time)
+        ahead, left = found.rotations[0][:, :2].T
+        lift = unit(np.cross(ahead - (ahead @ up) * up, left))
+        share = float(lift @ up)
+        if share < _LEVEL:
+            still = calm(time).displacements[0]
+            height = (found.displacements[0] - still) @ up
+            found.displacements[0] = still + height / max(share, _MIN_SHARE) * lift
+        return found
+
+    return leant
 
 
 def _without_heave(motion: Motion) -> Motion:

@@ -1,4 +1,4 @@
-"""Joints of a body that acts move and that no feather hangs on: neck, head and legs.
+"""Joints of a body that acts move and that no feather hangs on: neck, head, legs and feet.
 
 They stand in the groom beside its own ones where `[motion.joints]` names what they drive, at the
 pivots of that.
@@ -14,7 +14,16 @@ from featherfx.shot.sources import MovingSurface
 
 NECK, HEAD = "neck", "head"
 # by their parents
-BODY_JOINTS: Mapping[str, str] = {NECK: "", HEAD: NECK, "right_leg": "", "left_leg": ""}
+BODY_JOINTS: Mapping[str, str] = {
+    NECK: "",
+    HEAD: NECK,
+    "right_leg": "",
+    "left_leg": "",
+    "right_tarsus": "right_leg",
+    "left_tarsus": "left_leg",
+    "right_foot": "right_tarsus",
+    "left_foot": "left_tarsus",
+}
 
 
 def with_body_joints(
@@ -30,7 +39,9 @@ def with_body_joints(
             if name in driven and name not in known and tree is not None:
                 for place in tree.find(driven[name]):
                     known.add(name)
-                    parent = BODY_JOINTS[name] if BODY_JOINTS[name] in known else ""
+                    parent = BODY_JOINTS[name]
+                    while parent and parent not in known:
+                        parent = BODY_JOINTS[parent]
                     pivot = surface.joint_matrices(None)[place][3, :3]
                     added.append(Joint(name, pivot, parent))
     return replace(groom, joints=(*groom.joints, *added)) if added else groom
