@@ -209,10 +209,12 @@ def along_neck(points, build):
 
 
 def joint_weights(points, shares, build):
-    """(V, J) weights of the joints."""
+    """(V, J) weights of the joints: of the neck none where wings hang."""
     _, y, z = points.T
     place, (sole, _) = along_neck(points, build), toes(build)
-    moved, head = smooth(place, -0.18, 0.31), smooth(place, 0.56, 0.95)
+    shoulder = landmarks(build)["left_shoulder"] / build.size
+    beside = np.linalg.norm(np.stack([points[:, 0], np.abs(y), z], axis=1) - shoulder, axis=1)
+    moved, head = smooth(place, -0.4, 0.55) * smooth(beside, 0.01, 0.05), smooth(place, 0.45, 1.0)
     leg = shares["leg"] * smooth(-z, -0.13, -0.105)
     tarsus = smooth(-z, -build.legs.heel - 0.003, 0.007 - build.legs.heel)
     foot = smooth(-z, -sole[2] - 0.008, -sole[2])

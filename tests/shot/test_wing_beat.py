@@ -126,6 +126,27 @@ def test_a_body_heaves_under_lift_that_bears_its_weight(tmp_path, share):
     assert places[1:-1, 2].mean() == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.parametrize("after", [False, True])
+@pytest.mark.parametrize(("roll", "pitch", "share"), [(0, -40, 1), (35, 0, None), (75, 0, 0.5)])
+def test_the_heave_of_a_banked_body_leans_and_bears_the_weight(tmp_path, roll, pitch, share, after):
+    """Across its span, as high as that of a level one: the lift is 1 / cos of the roll."""
+    path = f"""[[motion.motions]]
+kind = "keys"
+keyframes = [{{ time = 0, rotation = [{roll}, {pitch}, 0], position = [0.2, 0, 0] }}]
+"""
+    beat = BEAT.format("heave = 1")
+    text = beat + path if after else beat.replace("[[motion", path + "[[motion", 1)
+    places = []
+    for motion in (text, text.replace("heave = 1", "heave = 0"), beat):
+        shot = read(tmp_path, motion)
+        poses = joint_poses(shot.motion, shot, skeleton_of(shot.groom))
+        places.append(np.stack([poses(k / 60.0).displacements[0] for k in range(10)]))
+    angle = np.radians(roll)
+    lift = np.array((0.0, -np.sin(angle), np.cos(angle))) / (share or np.cos(angle))
+    assert np.ptp(places[2][:, 2]) > 0.01
+    np.testing.assert_allclose(places[0] - places[1], places[2][:, 2:] * lift, atol=1e-12)
+
+
 @pytest.mark.parametrize("name", ["cruise", "hover", "glide", "walk"])
 def test_motions_that_go_on_close(tmp_path, name):
     """After a period all joints stand, and move, as they did."""
