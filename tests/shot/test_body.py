@@ -7,8 +7,9 @@ import warnings
 
 import numpy as np
 import pytest
+from bird_of_cubes import CUBE, GROOM, SHOT, TURN, WALK, WAY, write_body
 from farm.farm_cases import SerialEngine, options_of
-from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
+from pxr import Usd, UsdGeom, Vt
 
 import featherfx
 from featherfx.algebra.rotation import from_angles
@@ -18,90 +19,6 @@ from featherfx.farm.job import Job
 from featherfx.shot.motion.motion import root_motion
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.scenery import find_scenery
-
-GROOM = """
-name = "bird"
-[[wing]]
-id = "right_wing"
-type = "pigeon"
-shoulder = [0.03, -0.03, 0.03]
-fold = 0
-mirror = "y"
-[[feather]]
-id = "breast"
-kind = "contour"
-position = [0.02, 0, 0.05]
-direction = [-1, 0, 0.2]
-up = [0, 0, 1]
-"""
-TURN, WAY = (0.0, -30.0, 0.0), (0.2, 0.1, 0.4)
-SHOT = f"""
-name = "s"
-groom = "groom.toml"
-frames = [1, 7]
-quality = "draft"
-[skin]
-usd = "body.usda"
-prim = "/bird/body"
-tolerance = 1
-[[detail]]
-level = "rigid"
-[motion]
-kind = "act"
-body = "act"
-[[motion.motions]]
-kind = "keys"
-keyframes = [
-  {{ time = 0, rotation = [0, 0, 0], position = [0, 0, 0] }},
-  {{ time = 0.25, rotation = {list(TURN)}, position = {list(WAY)} }},
-]
-[[motion.motions]]
-kind = "fold"
-joints = "*_wing_*"
-folds = [{{ time = 0, fold = 0 }}, {{ time = 0.25, fold = 0.5 }}]
-"""
-CUBE = 0.05 * np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-FACES = [0, 1, 3, 2, 4, 6, 7, 5, 0, 4, 5, 1, 2, 3, 7, 6, 0, 2, 6, 4, 1, 5, 7, 3]
-
-
-def write_body(path, kind, up="Z", unit=1.0):
-    """A cube that stands still, walks by its points, or by a skeleton."""
-    stage = Usd.Stage.CreateNew(str(path))
-    stage.SetMetadata("metersPerUnit", unit)
-    UsdGeom.SetStageUpAxis(stage, up)
-    points = CUBE[:, [0, 2, 1]] * (1, 1, -1) if up == "Y" else CUBE
-    points = points / unit
-    stage.SetDefaultPrim(
-        (UsdSkel.Root if kind == "skeleton" else UsdGeom.Xform).Define(stage, "/bird").GetPrim()
-    )
-    mesh = UsdGeom.Mesh.Define(stage, "/bird/body")
-    mesh.CreateFaceVertexCountsAttr([4] * 6)
-    mesh.CreateFaceVertexIndicesAttr(FACES)
-    mesh.CreateSubdivisionSchemeAttr("none")
-    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.float32(points)))
-    if kind == "points":
-        for code in range(1, 8):
-            moved = np.float32(points + 0.01 / unit * (code - 1))
-            mesh.GetPointsAttr().Set(Vt.Vec3fArray.FromNumpy(moved), code)
-    if kind == "skeleton":
-        skeleton = UsdSkel.Skeleton.Define(stage, "/bird/skeleton")
-        skeleton.CreateJointsAttr(["root"])
-        for make in (skeleton.CreateBindTransformsAttr, skeleton.CreateRestTransformsAttr):
-            make([Gf.Matrix4d(1.0)])
-        walk = UsdSkel.Animation.Define(stage, "/bird/skeleton/walk")
-        walk.CreateJointsAttr(["root"])
-        walk.CreateScalesAttr([Gf.Vec3h(1.0)])
-        walk.CreateRotationsAttr([Gf.Quatf(1.0)])
-        for code in range(1, 8):
-            walk.CreateTranslationsAttr().Set([Gf.Vec3f(0.01 / unit * (code - 1))], code)
-        binding = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
-        binding.CreateSkeletonRel().SetTargets(["/bird/skeleton"])
-        binding.CreateJointIndicesPrimvar(False, 1).Set([0] * 8)
-        binding.CreateJointWeightsPrimvar(False, 1).Set([1.0] * 8)
-        UsdSkel.BindingAPI.Apply(skeleton.GetPrim()).CreateAnimationSourceRel().SetTargets(
-            ["/bird/skeleton/walk"]
-        )
-    stage.Save()
 
 
 @pytest.fixture
@@ -133,7 +50,8 @@ def test_an_act_carries_skin_and_roots_as_one(shot, tmp_path, kind, up, unit):
     for code, (moved, way) in {1.0: (np.eye(3), np.zeros(3)), 7.0: (turn, WAY)}.items():
         (body,) = find_scenery(Cache(cache.path).scenery, cache.path, ["skin"], "drawn")
         assert body.scene.path == layer
-        np.testing.assert_allclose(body.points(code), CUBE @ moved.T + way, atol=1e-6)
+        stood = CUBE + (0.0 if kind == "still" else WALK)
+        np.testing.assert_allclose(body.points(code), stood @ moved.T + way, atol=1e-6)
 
 
 def test_a_layer_replaces_no_file_unasked_and_no_skin(shot, tmp_path):

@@ -6,33 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
+from bird_of_cubes import BONES, CUBE, GROOM, WALK, bone_places, define_mesh, write_body
+from bird_of_cubes import SHOT as STILL_SHOT
+from pxr import Usd, UsdGeom, UsdSkel, Vt
 from scipy.spatial.transform import Rotation
 
 import featherfx
 from featherfx.algebra.rotation import from_angles
 from featherfx.errors import InputError
-from featherfx.groom.read.read import read_groom
 from featherfx.shot.motion.joint_tracks import find_tracks
 from featherfx.shot.motion.motion import root_motion
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.scenery import find_scenery
 
-GROOM = """
-name = "bird"
-[[wing]]
-id = "right_wing"
-type = "pigeon"
-shoulder = [0.03, -0.03, 0.03]
-fold = 0
-mirror = "y"
-[[feather]]
-id = "breast"
-kind = "contour"
-position = [0.02, 0, 0.05]
-direction = [-1, 0, 0.2]
-up = [0, 0, 1]
-"""
 ON_ARM = """
 [[feather]]
 id = "on_arm"
@@ -41,18 +27,8 @@ position = [{}, {}, {}]
 direction = [-1, 0, 0.2]
 up = [0, 0, 1]
 """
-TURN, WAY, FLEXED = (0.0, -30.0, 10.0), (0.2, 0.1, 0.4), (20.0, 0.0, 35.0)
-SHOT = f"""
-name = "s"
-groom = "groom.toml"
-frames = [1, 7]
-quality = "draft"
-[skin]
-usd = "body.usda"
-prim = "/bird/body"
-tolerance = 1
-[[detail]]
-level = "rigid"
+FLEXED = (20.0, 0.0, 35.0)
+DRIVEN = f"""
 [[collider]]
 usd = "body.usda"
 prims = ["/bird/body"]
@@ -66,75 +42,20 @@ right_wing_wrist = "hand"
 [[motion.motions]]
 kind = "keys"
 keyframes = [
-  {{ time = 0, rotation = [0, 0, 0], position = [0, 0, 0] }},
-  {{ time = 0.25, rotation = {list(TURN)}, position = {list(WAY)} }},
-]
-[[motion.motions]]
-kind = "keys"
-keyframes = [
   {{ time = 0, joint = "right_wing_shoulder", rotation = [0, 0, 0] }},
   {{ time = 0.25, joint = "right_wing_shoulder", rotation = {list(FLEXED)} }},
 ]
-[[motion.motions]]
-kind = "fold"
-joints = "*_wing_*"
-folds = [{{ time = 0, fold = 0 }}, {{ time = 0.25, fold = 0.5 }}]
 """
-JOINTS = ("root", "root/arm", "root/arm/fore", "root/arm/fore/hand", "root/arm/fore/hand/tip")
-BONES = ("right_wing_shoulder", "right_wing_elbow", "right_wing_wrist")
-CUBE = 0.05 * np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-FACES = np.array([0, 1, 3, 2, 4, 6, 7, 5, 0, 4, 5, 1, 2, 3, 7, 6, 0, 2, 6, 4, 1, 5, 7, 3])
-WALK = np.array((0.01, 0.0, 0.004))  # m a frame
+SHOT = STILL_SHOT.replace('\n[motion]\nkind = "act"\nbody = "act"\n', DRIVEN)
+UP, UNIT = "Y", 0.01
 
 
-def y_up(points, unit):
-    return points[..., [0, 2, 1]] * (1, 1, -1) / unit
-
-
-def write_body(folder, unit=0.01):
-    """A bird of cubes, one a bone, whose body walks by its skeleton; return their rest points."""
+def write_bird(folder):
+    """A groom, and a body that walks by its skeleton; return its points at rest."""
     (folder / "groom.toml").write_text(GROOM)
-    joints = {
-        each.name: np.asarray(each.position) for each in read_groom(folder / "groom.toml").joints
-    }
-    places = np.array([(0, 0, 0), *(joints[name] for name in BONES)])
-    places = np.vstack([places, places[-1] + (0.0, -0.1, 0.0)])
-    (folder / "groom.toml").write_text(GROOM + ON_ARM.format(*(places[1] + (0.0, 0.0, 0.012))))
-    cubes = [CUBE, *(0.2 * CUBE + each for each in places[1:])]
-    stage = Usd.Stage.CreateNew(str(folder / "body.usda"))
-    stage.SetMetadata("metersPerUnit", unit)
-    UsdGeom.SetStageUpAxis(stage, "Y")
-    stage.SetDefaultPrim(UsdSkel.Root.Define(stage, "/bird").GetPrim())
-    mesh = UsdGeom.Mesh.Define(stage, "/bird/body")
-    mesh.CreateFaceVertexCountsAttr([4] * 30)
-    indices = np.concatenate([FACES + 8 * k for k in range(5)])
-    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(indices.astype(np.int32)))
-    mesh.CreateSubdivisionSchemeAttr("none")
-    points = y_up(np.concatenate(cubes), unit)
-    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.float32(points)))
-    skeleton = UsdSkel.Skeleton.Define(stage, "/bird/skeleton")
-    skeleton.CreateJointsAttr(JOINTS)
-    steps = y_up(np.diff(places, axis=0, prepend=0.0), unit)
-    for make, at in (
-        (skeleton.CreateBindTransformsAttr, y_up(places, unit)),
-        (skeleton.CreateRestTransformsAttr, steps),
-    ):
-        make([Gf.Matrix4d().SetTranslate(Gf.Vec3d(*each.tolist())) for each in at])
-    walk = UsdSkel.Animation.Define(stage, "/bird/walk")
-    walk.CreateJointsAttr(JOINTS)
-    walk.CreateScalesAttr([Gf.Vec3h(1.0)] * 5)
-    walk.CreateRotationsAttr([Gf.Quatf(1.0)] * 5)
-    for code in range(1, 8):
-        moved = steps + y_up(WALK, unit) * code * np.array([(1,), (0,), (0,), (0,), (0,)])
-        walk.CreateTranslationsAttr().Set(Vt.Vec3fArray.FromNumpy(np.float32(moved)), code)
-    binding = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
-    binding.CreateSkeletonRel().SetTargets(["/bird/skeleton"])
-    binding.CreateJointIndicesPrimvar(False, 1).Set([k for k in range(5) for _ in range(8)])
-    binding.CreateJointWeightsPrimvar(False, 1).Set([1.0] * 40)
-    source = UsdSkel.BindingAPI.Apply(skeleton.GetPrim()).CreateAnimationSourceRel()
-    source.SetTargets(["/bird/walk"])
-    stage.Save()
-    return np.concatenate(cubes)
+    bones = bone_places(folder)
+    (folder / "groom.toml").write_text(GROOM + ON_ARM.format(*(bones[0] + (0.0, 0.0, 0.012))))
+    return write_body(folder / "body.usda", "skeleton", UP, UNIT, bones)
 
 
 @pytest.fixture
@@ -143,7 +64,7 @@ def shot(tmp_path):
     return tmp_path / "shot.toml"
 
 
-def skinned(path, code, unit=0.01):
+def skinned(path, code):
     """(V, 3) m of the body of a layer, by USD's own skinning."""
     stage = Usd.Stage.Open(str(path))
     cache, root = UsdSkel.Cache(), UsdSkel.Root(stage.GetPrimAtPath("/bird"))
@@ -155,7 +76,7 @@ def skinned(path, code, unit=0.01):
     assert cache.GetSkinningQuery(mesh.GetPrim()).ComputeSkinnedPoints(transforms, points, code)
     matrix = np.array(UsdGeom.Xformable(root).ComputeLocalToWorldTransform(code))
     found = np.array(points) @ matrix[:3, :3] + matrix[3, :3]
-    return unit * found[:, [0, 2, 1]] * (1, -1, 1)
+    return UNIT * found[:, [0, 2, 1]] * (1, -1, 1)
 
 
 def rigid(before, after):
@@ -168,7 +89,7 @@ def rigid(before, after):
 
 @pytest.mark.parametrize("body", ["act", "skin"])
 def test_skin_layer_and_feathers_move_as_one(shot, tmp_path, body):
-    rest = write_body(tmp_path)
+    rest = write_bird(tmp_path)
     given = (tmp_path / "body.usda").read_bytes()
     shot.write_text(SHOT.replace('body = "act"', f'body = "{body}"'))
     read = featherfx.read_shot(shot)
@@ -234,12 +155,9 @@ def test_skin_layer_and_feathers_move_as_one(shot, tmp_path, body):
     ],
 )
 def test_a_map_of_joints_that_cannot_be(shot, tmp_path, before, after, message):
-    write_body(tmp_path)
+    write_bird(tmp_path)
     stage = Usd.Stage.Open(str(tmp_path / "body.usda"))
-    still = UsdGeom.Mesh.Define(stage, "/bird/still")
-    still.CreatePointsAttr([Gf.Vec3f(*each) for each in CUBE.tolist()])
-    still.CreateFaceVertexCountsAttr([4] * 6)
-    still.CreateFaceVertexIndicesAttr(FACES.tolist())
+    define_mesh(stage, "/bird/still", CUBE, UP, UNIT)
     stage.Save()
     shot.write_text(SHOT.replace(before, after))
     with pytest.raises(InputError, match=message) as told:
@@ -250,7 +168,7 @@ def test_a_map_of_joints_that_cannot_be(shot, tmp_path, before, after, message):
 @pytest.mark.parametrize("share", [1.0, 0.5])
 def test_a_head_stays_level_and_does_not_heave(tmp_path, share):
     """Against the same act without heave and pitch of the beats; legs stand as keyframes say."""
-    write_body(tmp_path)
+    write_bird(tmp_path)
     head = SHOT.partition("[motion.joints]")[0]
     text = f"""{head}steady_head = {share}
 [motion.joints]
