@@ -11,7 +11,7 @@ import pytest
 from featherfx.errors import InputError
 from featherfx.files import disk_cache
 from featherfx.files.content import digest
-from featherfx.files.disk_cache import kept
+from featherfx.files.disk_cache import Aside, kept
 
 ROOT = Path(disk_cache.__file__).parents[2]
 
@@ -118,6 +118,20 @@ def test_what_was_used_least_lately_goes_first(folder, monkeypatch):
     assert len(calls) == 6
     found(calls, inputs=(1,), size=size)
     assert len(calls) == 7
+
+
+def test_what_changes_again_and_again_is_kept_aside(folder):
+    calls = []
+    found(calls, ("disk",))
+    aside, files = Aside(), len(list(folder.iterdir()))
+    for wanted, computed in (("disk a", 2), ("a disk b", 3), ("b", 3), ("b", 3), ("a", 4)):
+        with aside:
+            for each in wanted.split():
+                arrays = kept("trial", (each,), counted(calls))
+                assert arrays["values"].tolist() == [1.0] * 3
+                arrays["values"][:] = 7.0  # which is nobody else's
+        assert len(calls) == computed
+    assert len(list(folder.iterdir())) == files
 
 
 def test_a_size_of_zero_keeps_nothing(folder, monkeypatch):

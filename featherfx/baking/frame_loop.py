@@ -115,7 +115,7 @@ def _write_frames(
     with writing, drawing:
         frames = (
             simulation.samples(
-                lambda sample: sink.writer.ends_chunk(sample), task.options.accelerations
+                lambda sample: sink.writer.ends_chunk(sample), 1 + task.options.accelerations
             )
             if done < samples
             else ()

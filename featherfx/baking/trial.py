@@ -456,7 +456,7 @@ def _course(shot: Shot, jobs: int, end: float, until: float) -> TrialCourse | No
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
         simulation = simulate(part, jobs)
-        for draw, _ in simulation.samples(lambda sample: False, with_accelerations=False):
+        for draw, _ in simulation.samples(lambda sample: False, rates=1):
             draw()
             reports = simulation.counted().reports
             iterations.append(sum(float(r.iterations.sum()) for r in reports))

@@ -63,6 +63,36 @@ def nothing_kept() -> Iterator[None]:
         _keeps.reset(before)
 
 
+class Aside:
+    """Within it, this thread keeps in memory what is not on disk yet, for what changes again and
+    again: what was asked for since it was entered last, or between then and the time before."""
+
+    def __init__(self) -> None:
+        self._before: dict[str, Arrays] = {}
+        self._asked: dict[str, Arrays] = {}
+
+    def __enter__(self) -> None:
+        self._before, self._asked = self._asked, {}
+        self._token = _aside.set(self)
+
+    def __exit__(self, *_: object) -> None:
+        _aside.reset(self._token)
+
+    def find(self, file: Path) -> Arrays | None:
+        """The arrays of an entry, to be written over as one likes; None where none is known."""
+        found = self._asked.get(file.name) or self._before.get(file.name) or _load(file)
+        if found is not None:
+            self.keep(file, found)
+        return found
+
+    def keep(self, file: Path, arrays: Arrays) -> None:
+        """Keep arrays as they are now."""
+        self._asked[file.name] = {name: value.copy() for name, value in arrays.items()}
+
+
+_aside: ContextVar[Aside | None] = ContextVar("aside", default=None)
+
+
 def kept(what: str, inputs: Sequence[Any], compute: Callable[[], Mapping[str, Any]]) -> Arrays:
     """The arrays that compute gives, from the store where they were computed before.
 
@@ -73,7 +103,11 @@ def kept(what: str, inputs: Sequence[Any], compute: Callable[[], Mapping[str, An
     file = _file_of(what, inputs)
     if file is None:
         return _arrays(compute())
-    found = _load(file)
+    aside = _aside.get()
+    found = aside.find(file) if aside else _load(file)
+    if found is None and aside:
+        found = _arrays(compute())
+        aside.keep(file, found)
     if found is None:
         with _alone(file):
             # another process may have made it meanwhile
@@ -87,13 +121,16 @@ def kept(what: str, inputs: Sequence[Any], compute: Callable[[], Mapping[str, An
 def kept_before(what: str, inputs: Sequence[Any]) -> Arrays | None:
     """The arrays that `keep` was given, or `kept` computed; None where they are not there."""
     file = _file_of(what, inputs)
-    return None if file is None else _load(file)
+    aside = _aside.get()
+    return None if file is None else aside.find(file) if aside else _load(file)
 
 
 def keep(what: str, inputs: Sequence[Any], arrays: Mapping[str, Any]) -> None:
     """Keep arrays, if the system lets us."""
     file = _file_of(what, inputs)
-    if file is not None:
+    if file is not None and (aside := _aside.get()):
+        aside.keep(file, _arrays(arrays))
+    elif file is not None:
         _save(file, _arrays(arrays))
 
 

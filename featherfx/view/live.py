@@ -8,7 +8,8 @@ import shutil
 import struct
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
@@ -21,30 +22,32 @@ from featherfx.algebra.types import Array
 from featherfx.api import read_quality, read_shot
 from featherfx.baking.entries import entries_of
 from featherfx.errors import InputError, Problem, SimulationError
-from featherfx.files.disk_cache import nothing_kept
+from featherfx.feather.types import both
+from featherfx.files.disk_cache import Aside
 from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.library import Library
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.groom.types import Placement
 from featherfx.render.geometry import DrawnPose
-from featherfx.shot.frames import Frame, place
-from featherfx.shot.loop.live import LiveSimulation
+from featherfx.shot.frames import FeatherPose, Frame, place
+from featherfx.shot.loop.live import JoinedSurfaces, LiveSimulation
 from featherfx.shot.types import Grip, Shot
 from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.view.page import BYTES, HTML, JSON, Server, page
 from featherfx.view.played import STRAIN, Played
 from featherfx.view.tuned import Tuned
 
-_MAX_FEATHERS = 200
+_MAX_FEATHERS = 5_000
 # s without a page that asks, after which the simulation waits
 _PATIENCE = 2.0
 # frames that a shot goes on after its last one, where nothing in it is read from a file
 _ENDLESS = 1_000_000
 # N/m of the spring between a feather and the mouse
 _PULL = 50.0
-# frames a second that are simulated where the shot has fewer, so that motion is smooth
-_SMOOTH = 48.0
+# frames a second that are simulated where the shot has fewer, so that motion is smooth, of so many
+# feathers at most; and s between two figures of their energy
+_SMOOTH, _FEW, _ENERGY_EVERY = 48.0, 200, 0.25
 _LIVE = re.compile(r"(points|strain)-after-(\d{1,12})")
 
 
@@ -64,17 +67,21 @@ class LiveSource:
 
 class Made(NamedTuple):
     """A simulation that was set up. triangles: of all feathers, corners by feather. points, barbs:
-    (V, 3), (T, 3), as of DrawnPose, at rest."""
+    (V, 3), (T, 3), as of DrawnPose, at rest. often: samples a frame.
+    surfaces: of all feathers."""
 
     shot: Shot
     simulation: LiveSimulation
+    often: int
+    surfaces: JoinedSurfaces
     triangles: Array
     points: Array
     barbs: Array
 
 
 class Live:
-    """Simulates a shot for a page, in threads of its own, as fast as it plays and no faster.
+    """Simulates a shot for a page, in threads of its own, as fast as it plays and no faster. One
+    sample is drawn while the next is simulated.
 
     tuned: presets of it that may be changed. A context manager that ends the threads. Raises
     InputError where the shot cannot be read.
@@ -84,6 +91,7 @@ class Live:
         self.tuned, self._source = tuned, source
         self._asked, self._number, self._version = time.monotonic(), 0, 0
         self._told: dict[str, Any] = {}
+        self._aside = Aside()
         self._points, self._problem = np.zeros((0, 3)), ""
         # stuck: no frame follows until something is changed
         self._ended = self._stuck = False
@@ -95,9 +103,13 @@ class Live:
         self._speed = 1.0
         self._news = threading.Condition()
         self._made = self._make()
-        self._frame, self._frames = self._begun(self._made)
+        self._samples = self._made.simulation.live_samples()
+        self._frame = next(self._samples)()
         self.played = self._drawn(self._made, self._frame)
-        self._show(0.0)
+        self._energy_at = 0.0
+        self._drawer = ThreadPoolExecutor(1)
+        self._drawing: Future[None] | None = None
+        self._show(self._made, lambda: self._frame, self._figures(0.0))
         self._threads = [
             threading.Thread(target=each, daemon=True) for each in (self._step, self._prepare)
         ]
@@ -113,6 +125,7 @@ class Live:
             self._news.notify_all()
         for thread in self._threads:
             thread.join()
+        self._drawer.shutdown()
 
     @property
     def name(self) -> str:
@@ -219,7 +232,7 @@ class Live:
             path = changed / name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
-        with nothing_kept() if files else nullcontext():
+        with self._aside if files else nullcontext():
             shot = read_shot(source.shot, (changed, *source.folders))
             quality = read_quality(source.quality, source.folders)
             # the same rows whatever the feather becomes, so that it goes on from where it is
@@ -233,6 +246,7 @@ class Live:
             ids = {each.id for each in placements}
             wanted = [k for k, each in enumerate(shot.groom.feathers) if each.id in ids]
             often = max(1, round(_SMOOTH / shot.frames_per_second))
+            often = often if len(placements) <= _FEW else 1
             frames = shot.first_frame, shot.last_frame
             if shot.skin is None and shot.wind_source is None and not shot.colliders:
                 frames = shot.first_frame, shot.first_frame + _ENDLESS
@@ -246,6 +260,8 @@ class Live:
         return Made(
             shot,
             simulation,
+            often,
+            JoinedSurfaces(simulation.feathers),
             np.concatenate([s.triangles + k for s, k in zip(surfaces, starts, strict=False)]),
             np.concatenate([s.points(r) for s, r in zip(surfaces, rest, strict=True)]),
             np.concatenate(
@@ -256,10 +272,6 @@ class Live:
             ),
         )
 
-    def _begun(self, made: Made) -> tuple[Frame, Iterator[Frame]]:
-        frames = iter(made.simulation)
-        return next(frames), frames
-
     def _drawn(self, made: Made, frame: Frame) -> Played:
         """The meshes, as the page knows them: through a cache of one frame."""
         groom = replace(made.shot.groom, feathers=tuple(some_of(made.shot, self._source.feathers)))
@@ -267,7 +279,7 @@ class Live:
         path.unlink(missing_ok=True)
         entries = entries_of(groom, made.simulation.feathers, static=False)
         with CacheWriter(path, entries, (1, 1), made.shot.frames_per_second) as writer:
-            writer.write(replace(frame, number=1.0))
+            writer.write(replace(frame, number=1.0, poses=tuple(map(_at_rest, frame.poses))))
         played = Played(path, 1 << 62)
         # hooks are drawn by bakes alone
         played.values = [STRAIN]
@@ -313,7 +325,7 @@ class Live:
                 generation = self._generation
             begun = time.perf_counter()
             try:
-                self._advance(made)
+                self._advance(made, begun)
             except (InputError, SimulationError) as error:
                 self._stuck = True
                 self._tell(f"{error}; restart begins again", generation)
@@ -322,7 +334,6 @@ class Live:
                 self._stuck = True
                 self.restart()
                 continue
-            self._show(time.perf_counter() - begun)
             due += 1.0 / (self._rate * self._speed)
             left = due - time.perf_counter()
             if left > 0.0:
@@ -334,21 +345,31 @@ class Live:
     def _rate(self) -> float:
         """Frames a second of the shot, those between whole frames included."""
         fps = self._made.shot.frames_per_second
-        return fps * max(1, round(_SMOOTH / fps))
+        return fps * self._made.often
 
     def _may_go_on(self) -> bool:
         watched = time.monotonic() - self._asked < _PATIENCE
         return self._ended or self._next is not None or (watched and not self._stuck)
 
-    def _advance(self, made: Made | None) -> None:
+    def _advance(self, made: Made | None, begun: float) -> None:
         if made is not None:
+            self._await_drawing()
             self._take(made)
         with self._news:
             wind, pull = self._made.shot.wind, self._pull
             if self._wind is not None:
                 wind = replace(wind, direction=self._wind[0], speed=self._wind[1], gust=0.0)
         self._made.simulation.act(wind, [] if pull is None else [pull])
-        self._frame = next(self._frames)
+        draw = next(self._samples)
+        figures = self._figures(time.perf_counter() - begun)
+        self._await_drawing()
+        self._drawing = self._drawer.submit(self._show, self._made, draw, figures)
+
+    def _await_drawing(self) -> None:
+        """Wait for the sample that is being drawn. Raises what drawing it raises."""
+        drawing, self._drawing = self._drawing, None
+        if drawing is not None:
+            drawing.result()
 
     def _take(self, made: Made) -> None:
         """Go on with another simulation from where this one stands."""
@@ -356,37 +377,39 @@ class Live:
         again = restarts != self._restarted
         stays = np.array_equal(_roots(made.shot), _roots(before.shot))
         goes_on = not again and stays and made.simulation.reshaped(before.simulation)
-        frames = iter(made.simulation)
+        samples = made.simulation.live_samples()
         if not goes_on:
-            self._frame = next(frames)
+            self._frame = next(samples)()
         same = np.array_equal(made.triangles, before.triangles)
         played = self.played if same else self._drawn(made, self._frame)
         if not np.array_equal(made.points, before.points):
             rest: DrawnPose = played.rest
             played.rest = replace(rest, points=made.points, barbs=made.barbs)
         with self._news:
-            self._made, self._frames, self.played = made, frames, played
+            self._made, self._samples, self.played = made, samples, played
             self._version += not same
             self._restarted = restarts
 
-    def _show(self, seconds: float) -> None:
-        """Hand the frame out. seconds: that it took."""
-        simulation, frame = self._made.simulation, self._frame
-        surfaces = [each.surface for each in simulation.feathers]
-        points = [s.points(p.points) for s, p in zip(surfaces, frame.poses, strict=True)]
-        counts = simulation.counted().summary()
-        told = {
-            "version": self._version,
-            "frame": frame.number,
-            "time": frame.time,
+    def _figures(self, seconds: float) -> dict[str, Any]:
+        """Figures of the sample that was simulated last. seconds: that it took."""
+        counts, now = self._made.simulation.counted().summary(), time.perf_counter()
+        if now - self._energy_at > _ENERGY_EVERY:
+            self._energy, self._energy_at = self._made.simulation.energy()._asdict(), now
+        return {
             "milliseconds": 1e3 * seconds,
-            "energy": simulation.energy()._asdict(),
+            "energy": self._energy,
             "iterations": counts["newton_iterations"]["mean"],
             "substeps": counts["substeps"]["mean"],
         }
+
+    def _show(self, made: Made, draw: Callable[[], Frame], figures: dict[str, Any]) -> None:
+        """Draw a sample and hand it out."""
+        self._frame = frame = draw()
+        points = made.surfaces.points([each.points for each in frame.poses])
+        where = {"version": self._version, "frame": frame.number, "time": frame.time}
         with self._news:
             self._number += 1
-            self._told, self._points = told, np.concatenate(points)
+            self._told, self._points = where | figures, points
             self._news.notify_all()
 
 
@@ -431,6 +454,12 @@ def some_of(shot: Shot, patterns: Sequence[str]) -> list[Placement]:
     """Feathers of a shot whose ids fit a pattern; all where there is none."""
     feathers = shot.groom.feathers
     return [f for f in feathers if not patterns or any(fnmatchcase(f.id, p) for p in patterns)]
+
+
+def _at_rest(pose: FeatherPose) -> FeatherPose:
+    """A pose without rates."""
+    none = both(np.zeros_like, pose.points)
+    return replace(pose, velocities=none, accelerations=none)
 
 
 def _vector(values: Any) -> Array:

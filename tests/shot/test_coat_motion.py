@@ -123,7 +123,7 @@ def lengths(points: RowPoints) -> np.ndarray:
 def test_second_rates_that_nobody_asks_for_are_nan_and_change_nothing_else():
     _, _, coat = parts = plumage(bent)
     found, follow = drawn_at(parts, 0.5), coat.follow
-    coat.follow = lambda *given: follow(*given, with_second=False)
+    coat.follow = lambda *given: follow(*given, rates=1)
     without = drawn_at(parts, 0.5)
     assert np.abs(found[2].nodes).max() > 0.0
     for own, other in zip(found[:2], without[:2], strict=True):

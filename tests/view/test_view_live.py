@@ -20,9 +20,10 @@ from test_view_page import BROWSER_OPTIONS, PIXELS, needs_browser, scripted
 from featherfx.api import read_quality, read_shot
 from featherfx.cli.view import _OF_WING, _stage
 from featherfx.errors import InputError
+from featherfx.feather.placed_feathers import build_feathers
 from featherfx.groom.presets.library import plain
 from featherfx.groom.presets.presets import load_preset
-from featherfx.shot.loop.live import LiveSimulation
+from featherfx.shot.loop.live import JoinedSurfaces, LiveSimulation
 from featherfx.view.live import Live, LiveServer, LiveSource, presets_of
 from featherfx.view.page import _HOST
 from featherfx.view.tuned import Tuned
@@ -137,6 +138,17 @@ def test_a_feather_goes_on_from_where_it_was_in_another_shape():
     assert next(iter(longer)).number == 7
     finer = replace(shot, quality=replace(shot.quality, rows=14))
     assert not LiveSimulation(finer, 1, (1, 100)).reshaped(first)
+
+
+def test_meshes_of_all_feathers_are_those_of_each():
+    shot = read_shot(SHOT)
+    feathers = build_feathers([*shot.groom.feathers, *shot.groom.feathers], 9, 3)
+    feathers += build_feathers(shot.groom.feathers, 12, 4)
+    poses = [each.rest.shifted(np.array([0.0, 0.1, k])) for k, each in enumerate(feathers)]
+    expected = [f.surface.points(pose) for f, pose in zip(feathers, poses, strict=True)]
+    np.testing.assert_allclose(
+        JoinedSurfaces(feathers).points(poses), np.concatenate(expected), rtol=0, atol=1e-12
+    )
 
 
 @pytest.fixture(scope="module")

@@ -184,21 +184,21 @@ class MovingCoat:
         roots: Sequence[RootFrames],
         span: tuple[float, float],
         led: Sequence[RootFrames] | None = None,
-        with_second: bool = True,
+        rates: int = 2,
     ) -> list[RowPoints]:
         """Feathers on their leaves at the end of a span of time (s), and their two rates.
 
         given: points of the bent on their roots, and their two rates; roots: of all as the skin
         carries them rigidly, and their two rates; led: the same as channels have led them, default
-        roots. with_second: else the second rates are nan.
+        roots. rates: how many are found; the others are nan.
         """
         instant, step = _INSTANT * (span[1] - span[0]), _STEP_RATIO * (span[1] - span[0])
-        times = [0.0, -instant, *((-step, -2.0 * step) if with_second else ())]
+        times = [0.0, -instant, -step, -2.0 * step][: (1, 2, 4)[rates]]
         posed, drawn = [], []
         for time in times:
-            points = RowPoints(*(_extrapolated(rates, time) for rates in zip(*given, strict=True)))
+            points = RowPoints(*(_extrapolated(each, time) for each in zip(*given, strict=True)))
             own, moved = (
-                RootFrames(*(_extrapolated(rates, time) for rates in zip(*each, strict=True)))
+                RootFrames(*(_extrapolated(part, time) for part in zip(*each, strict=True)))
                 for each in (roots, led or roots)
             )
             posed.append(PosedFeathers(points, own, moved))
@@ -208,12 +208,13 @@ class MovingCoat:
             arrays = self._coat.arrays(self._part(carrier, lift[:, 1]), lift)
             turns, motion = self._motion(each)
             drawn.append(self._draw(arrays, self._on_leaves(turns), motion))
-        now, before, *earlier = drawn
-        if earlier:
-            second = both(lambda x, y, z: (x - 2.0 * y + z) / (step * step), now, *earlier)
-        else:
-            second = both(lambda x: np.broadcast_to(np.nan, x.shape), now)
-        return [now, both(lambda x, y: (x - y) / instant, now, before), second]
+        now, first = drawn[0], both(lambda x: np.broadcast_to(np.nan, x.shape), drawn[0])
+        second = first
+        if rates > 0:
+            first = both(lambda x, y: (x - y) / instant, *drawn[:2])
+        if rates > 1:
+            second = both(lambda x, y, z: (x - 2.0 * y + z) / (step * step), now, *drawn[2:])
+        return [now, first, second]
 
     def _find_ways(self, carrier: Carrier) -> Array:
         """Return (V, 3) unit, along which a raised coat leaves its carrier."""

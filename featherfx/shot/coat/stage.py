@@ -138,7 +138,7 @@ class CoatStage(Stage):
         given = [stacked([getattr(pose, name) for pose in before]) for name in _RATES]
         led = self._root_rates(self.run.motion, span)
         roots = led if self._motion is self.run.motion else self._root_rates(self._motion, span)
-        moving = self._coat.follow(given, roots, span, led, self.run.with_accelerations)
+        moving = self._coat.follow(given, roots, span, led, self.run.rates)
         drawn = [each.each() for each in moving]
         for f, *values in zip(members, *drawn, strict=True):
             rates = dict(zip(_RATES, values, strict=True))

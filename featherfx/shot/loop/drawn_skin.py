@@ -45,7 +45,7 @@ class DrawnSkinStage(Stage):
             return poses
         shifts = (drawn.carriers(time) - smooth.carriers(time))[run.wanted]
         rates = np.zeros_like(shifts)
-        if run.subframes > 1:
+        if run.subframes > 1 and run.rates:
             step = _STEP / run.shot.frames_per_second
             # stages interpolate in single precision: as long a step as has one straight line
             half = 0.5 * run.time(1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -10,8 +10,10 @@ import numpy as np
 
 from featherfx.algebra.rotation import along_rows, frames_to_quats, quats_to_frames
 from featherfx.algebra.types import Array
+from featherfx.feather.types import Feather, RowPoints
 from featherfx.jit.compiled import KernelModule
 from featherfx.mechanics.model import Model
+from featherfx.shot.frames import Frame
 from featherfx.shot.loads.forces import grip_node
 from featherfx.shot.loop.groups import FeatherGroup, grips_of
 from featherfx.shot.loop.simulate import Simulation
@@ -45,8 +47,36 @@ def energy_of(model: Model, state: State, gravity: Array) -> Energy:
     return Energy(0.5 * float(moving + turning), elastic, -float(fallen))
 
 
+class JoinedSurfaces:
+    """Meshes of feathers as one, whose points are found at once."""
+
+    def __init__(self, feathers: Sequence[Feather]) -> None:
+        row, node, rows, nodes = [], [], 0, 0
+        for each in feathers:
+            count, across = each.rest.nodes.shape[:2]
+            row.append(rows + each.surface.row)
+            node.append(nodes + each.surface.row * across + each.surface.node)
+            rows, nodes = rows + count, nodes + count * across
+        self._row, self._node = np.concatenate(row), np.concatenate(node)
+        self._offset = np.concatenate([each.surface.offset for each in feathers])
+
+    def points(self, of: Sequence[RowPoints]) -> Array:
+        """(V, 3) m, points of the meshes of all feathers, one after the other, from those of each
+        (FeatherSurface.points)."""
+        nodes = np.concatenate([each.nodes.reshape(-1, 3) for each in of])
+        directors = np.concatenate([each.directors for each in of])[self._row]
+        offsets = np.einsum("vk,vkc->vc", self._offset, directors)
+        return np.asarray(nodes[self._node] + offsets)
+
+
 class LiveSimulation(Simulation):
     """A simulation whose wind, grips and rest shapes may change between two frames."""
+
+    def live_samples(self) -> Iterator[Callable[[], Frame]]:
+        """As samples, in whose frames points mean something, and no rates. Raises what those
+        raise."""
+        for draw, _ in self.samples(lambda sample: False, rates=0):
+            yield draw
 
     def act(self, wind: Wind, pulls: Sequence[tuple[Grip, Array]] = ()) -> None:
         """From here on this is the wind, and the shot's grips are joined by some that lead their

@@ -81,9 +81,9 @@ class ShotRun:
     cuts. drawn: all feathers on the meshes' grid. wanted: numbers of those in the frames; solved:
     of those that are stepped if they are simulated. islands: (F,) contact group of each, or ALONE.
     rigid, guided: number of wanted feathers that are not simulated. guidance: of the guided.
-    lifted: numbers of those that a coat draws by its fields alone. with_accelerations: whether
-    frames have those of feathers that are drawn anew, else nan. groups: batches; step_groups:
-    the same, as they are stepped together.
+    lifted: numbers of those that a coat draws by its fields alone. rates: how many of
+    the two rates of points are drawn of feathers that are drawn anew; the others mean nothing.
+    groups: batches; step_groups: the same, as they are stepped together.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class ShotRun:
         self.rigid = self.guided = 0
         self.guidance: Guidance | None = None
         self.lifted: Indices = np.zeros(0, dtype=np.int64)
-        self.with_accelerations = True
+        self.rates = 2
         self.groups: list[FeatherGroup] = []
         self.step_groups: list[StepGroup] = []
 

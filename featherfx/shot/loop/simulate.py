@@ -89,16 +89,16 @@ class Simulation:
             yield frame
 
     def samples(
-        self, saved: Callable[[int], bool] | None = None, with_accelerations: bool = True
+        self, saved: Callable[[int], bool] | None = None, rates: int = 2
     ) -> Iterator[tuple[Callable[[], Frame], Checkpoint | None]]:
         """As iterating, each frame as what draws it, with the checkpoint after it. Raises what
         iterating raises.
 
         Another thread may draw one frame at a time while the next sample is simulated. saved:
         whether the checkpoint after a sample, counted from the first that is wanted, is asked for;
-        all by default. with_accelerations: of all feathers; else some are nan.
+        all by default. rates: as of ShotRun.
         """
-        self._run.with_accelerations = with_accelerations
+        self._run.rates = rates
         for index in self._samples:
             if index >= self._begin_at:
                 keeps = saved is None or saved(index - self._begin_at)
