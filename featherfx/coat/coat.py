@@ -99,7 +99,7 @@ class Coat:
         room = _PRESSED_SHARE * own.thickness
         pressed = room * np.expm1(down / room)
         up = own.lift + np.maximum(bent, 0.0), np.maximum(raised, 0.0)
-        columns = own.phi, own.gain, own.thickness + pressed, own.steepness, *up
+        columns = own.phi, own.gain, own.steepness, own.thickness + pressed, *up
         return CarrierArrays(
             points=carrier.points - DOWN_SHARE * pressed[:, None] * carrier.normals[:, :3],
             normals=carrier.normals,

@@ -51,7 +51,7 @@ _TINY = 1e-12  # of unit vectors and barycentric coordinates
 class CarrierArrays(NamedTuple):
     """A carrier as kernels take it; shapes as of CoatMesh, Carrier and TriangleElements.
 
-    fields: (V, 6) phi (m), q (m), T (m), k, a (m) and r (m).
+    fields: (V, 6) phi (m), q (m), k, T (m), a (m) and r (m).
     """
 
     points: Array
@@ -195,45 +195,41 @@ def _round(carrier, triangle, b, x):
 
 
 @kernel
-def over_foot(carrier, triangle, b, leaf):
-    """The point of a leaf (p, c) over a foot, n and s; the shares of T, a and r in h, and the rate
-    of h by phi."""
+def over_foot(carrier, triangle, b, shares):
+    """The point over a foot at the height of shares of T, a and r there, and n."""
     face = carrier.faces[triangle]
     normal = unit(_mixed(b, carrier.normals, face, 0))
     x = _round(carrier, triangle, b, _mixed(b, carrier.points, face, 0))
-    phi, gain, thickness = _mixed(b, carrier.fields, face, 0)
-    steepness, lift, rise = _mixed(b, carrier.fields, face, 3)
+    return combined(1.0, x, dot(shares, _mixed(b, carrier.fields, face, 3)), normal), normal
+
+
+@kernel
+def _find_shares(carrier, triangle, b, leaf):
+    """Shares of T, a and r in the height of a leaf (p, c) over a foot, c besides (m), s, and the
+    rate of h by phi."""
+    face = carrier.faces[triangle]
+    phi, gain, steepness = _mixed(b, carrier.fields, face, 0)
+    thickness, lift, rise = _mixed(b, carrier.fields, face, 3)
     s, lift = (phi - leaf[0]) / gain, lift + leaf[1]
     g, rate = _shape(s, steepness)
     ahead = max(s, 0.0)
     raised, raising = _raised_share(s)
-    height = thickness * (DOWN_SHARE + g) + lift * ahead * ahead + rise * raised
     by_phi = (thickness * rate + 2.0 * lift * ahead + rise * raising) / gain
-    return (
-        combined(1.0, x, height, normal),
-        normal,
-        s,
-        (DOWN_SHARE + g, ahead * ahead, raised),
-        by_phi,
-    )
-
-
-@kernel
-def slope_over(carrier, triangle, s, shares, by_phi):
-    """The gradient of h (3,) over a foot, of what over_foot returns."""
-    face, slope = carrier.faces[triangle], (0.0, 0.0, 0.0)
-    for k in range(3):
-        own, hat = carrier.fields[face[k]], carrier.gradients[triangle, k]
-        change = shares[0] * own[2] + shares[1] * own[4] + shares[2] * own[5]
-        slope = combined(1.0, slope, change + by_phi * (own[0] - s * own[1]), hat)
-    return slope
+    return (DOWN_SHARE + g, ahead * ahead, raised), leaf[1] * ahead * ahead, s, by_phi
 
 
 @kernel
 def leaf_point(carrier, triangle, b, leaf):
-    """The point of a leaf (p, c) over a foot, n, the gradient of h (3,) and s."""
-    point, normal, s, shares, by_phi = over_foot(carrier, triangle, b, leaf)
-    return point, normal, slope_over(carrier, triangle, s, shares, by_phi), s
+    """The point of a leaf (p, c) over a foot, n, the gradient of h (3,), s, and the shares of T, a
+    and r in h."""
+    shares, own, s, by_phi = _find_shares(carrier, triangle, b, leaf)
+    point, normal = over_foot(carrier, triangle, b, shares)
+    face, slope = carrier.faces[triangle], (0.0, 0.0, 0.0)
+    for k in range(3):
+        fields, hat = carrier.fields[face[k]], carrier.gradients[triangle, k]
+        change = shares[0] * fields[3] + shares[1] * fields[4] + shares[2] * fields[5]
+        slope = combined(1.0, slope, change + by_phi * (fields[0] - s * fields[1]), hat)
+    return combined(1.0, point, own, normal), normal, slope, s, shares
 
 
 @kernel
@@ -265,7 +261,7 @@ def _advance(carrier, foot, leaf, at, way, drop, least):
         step = way / sqrt(1.0 + rise * rise)
         for _ in range(_CHORDS):
             there, c, e, left = trace(carrier, triangle, b, d, step)
-            point, m, up, t = leaf_point(carrier, there, c, leaf)
+            point, m, up, t, _ = leaf_point(carrier, there, c, leaf)
             chord = sub(combined(1.0, point, -drop, m), at)
             gone = max(length(chord), _MIN_CHORD * way)
             step *= way / gone
@@ -321,7 +317,7 @@ def draw_feathers(carrier, roots, forms, numbers, drawn, low, high):
         triangle, b, roll = roots.triangle[r], (place[0], place[1], place[2]), roots.roll[r]
         leaf = roots.value[r, 0], roots.value[r, 1]
         depth = roots.depth[r] if forms.sunk[f, 0] > 0.0 else 0.0
-        x, n, slope, s = leaf_point(carrier, triangle, b, leaf)
+        x, n, slope, s, _ = leaf_point(carrier, triangle, b, leaf)
         d = unit(without((heading[0], heading[1], heading[2]), n))
         point = combined(1.0, x, -depth, n)
         foot, top = (triangle, b, d, False, n, slope, s), s
@@ -352,6 +348,6 @@ def find_bases(carrier, roots, points, normals):
     for f in range(roots.triangle.shape[0]):
         place = roots.place[f]
         b, leaf = (place[0], place[1], place[2]), (roots.value[f, 0], roots.value[f, 1])
-        point, normal, _, _ = leaf_point(carrier, roots.triangle[f], b, leaf)
+        point, normal, _, _, _ = leaf_point(carrier, roots.triangle[f], b, leaf)
         store(points[f], point)
         store(normals[f], normal)

@@ -182,7 +182,7 @@ def lay_out(groom: Groom) -> Groom:
         *_describe_crowds(laid, chosen),
     ]
     for message in doubts:
-        warnings.warn(f"{groom.source}: layout: {message}", InputWarning, stacklevel=3)
+        warnings.warn(f"{_place_of(groom)}: {message}", InputWarning, stacklevel=3)
     roots = draw(laid.coat, laid.coat.rest, forms)
     dorsal, lateral = roots.directors[:, 0, 1], roots.directors[:, 0, 0]
     frames = np.stack([np.cross(lateral, dorsal), lateral, dorsal], axis=2)
@@ -199,6 +199,12 @@ def lay_out(groom: Groom) -> Groom:
             leaf=CoatLeaf(laid, number),
         )
     return replace(groom, feathers=tuple(feathers), coat=laid)
+
+
+def _place_of(groom: Groom) -> str:
+    """Return what messages about a groom's layout begin with: file, key, and prim of the skin."""
+    prim = (groom.skin_keys or {}).get("prim")
+    return f"{groom.source}: layout" + (f": {prim}" if prim else "")
 
 
 def _coat_members(groom: Groom) -> list[int]:
@@ -266,7 +272,7 @@ def _sew_tails(groom: Groom, points: Array, faces: Indices) -> tuple[Array, Indi
         if points is before and away < _FAN_REACH * length.max():
             at = ", ".join(f"{x:.3g}" for x in root)
             message = (
-                f"{groom.source}: layout: the skin around the roots of tail '{name}' at ({at}) m"
+                f"{_place_of(groom)}: the skin around the roots of tail '{name}' at ({at}) m"
                 " is no tube that one cut closes, so feathers beside it lie on the skin alone and"
                 " may pass through it. Give each tail an end of the skin of its own"
             )

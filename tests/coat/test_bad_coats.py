@@ -105,11 +105,13 @@ def write(tmp_path):
 
 
 def messages_of(path):
-    """Read and lay out the groom of a shot; its warnings."""
+    """Read and lay out the groom of a shot; its warnings, in which the coat names its skin."""
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always", InputWarning)
         featherfx.read_groom(path.with_name("groom.toml"))
-    return [str(each.message) for each in told]
+    found = [str(each.message) for each in told]
+    assert all(": layout: /body: " in each for each in found if "layout" in each)
+    return found
 
 
 def place_in(message):

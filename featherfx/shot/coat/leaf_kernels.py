@@ -17,7 +17,7 @@ from typing import NamedTuple
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vector_kernels import add, combined, cross, dot, length, scale, store, sub
 from featherfx.coat.forms import PlaneForms
-from featherfx.coat.leaf_kernels import over_foot, slope_over, unit, without
+from featherfx.coat.leaf_kernels import leaf_point, over_foot, unit, without
 from featherfx.jit.compiled import kernel
 
 _NO_LENGTH = 1e-12  # m, of a piece that has no direction
@@ -27,14 +27,15 @@ class LeafFeet(NamedTuple):
     """Feathers over a carrier at rest, F of them.
 
     values: (F,) m, p. feet: (F, n, 1 + 2 m) triangles, weights: (F, n, 1 + 2 m, 3) barycentric,
-    places: s, and offsets: (F, n, 1 + 2 m, 3) m, o. directors: (F, n, 2, 3) in the frames of their
-    rows. steps: (F, n - 1) m and pieces: (F, 2, n, m) m, lengths.
+    shares: (F, n, 1 + 2 m, 3) of T, a and r in h, and offsets: (F, n, 1 + 2 m, 3) m, o. directors:
+    (F, n, 2, 3) in the frames of their rows. steps: (F, n - 1) m and pieces: (F, 2, n, m) m,
+    lengths.
     """
 
     values: Array
     feet: Indices
     weights: Array
-    places: Array
+    shares: Array
     offsets: Array
     directors: Array
     steps: Array
@@ -69,24 +70,26 @@ class ImageRoom(NamedTuple):
 
 
 @kernel
-def _leaf_frame(carrier, leaves, f, i, j):
-    """Point of the leaf at a node's foot, and the frame F there; the other results of over_foot."""
-    b, t = leaves.weights[f, i, j], leaves.feet[f, i, j]
-    point, n, s, shares, by_phi = over_foot(carrier, t, (b[0], b[1], b[2]), (leaves.values[f], 0.0))
+def _leaf_frame(carrier, t, n):
+    """The frame F over a foot in a triangle, with the normal n there."""
     face = carrier.faces[t]
     side = unit(without(sub(carrier.points[face[1]], carrier.points[face[0]]), n))
-    return point, (side, cross(n, side), n), (s, shares, by_phi)
+    return side, cross(n, side), n
 
 
 @kernel
 def find_offsets(carrier, leaves, nodes, low, high):
-    """Places of nodes (F, n, 1 + 2 m, 3) m in the frames of their leaves. Written: offsets."""
+    """Places of nodes (F, n, 1 + 2 m, 3) m in the frames of their leaves. Written: shares,
+    offsets."""
     for f in range(low, high):
         for i in range(nodes.shape[1]):
             for j in range(nodes.shape[2]):
-                point, axes, _ = _leaf_frame(carrier, leaves, f, i, j)
-                away = sub(nodes[f, i, j], point)
-                store(leaves.offsets[f, i, j], _seen(away, axes))
+                b, t = leaves.weights[f, i, j], leaves.feet[f, i, j]
+                leaf = leaves.values[f], 0.0
+                point, n, _, _, shares = leaf_point(carrier, t, (b[0], b[1], b[2]), leaf)
+                away = _seen(sub(nodes[f, i, j], point), _leaf_frame(carrier, t, n))
+                store(leaves.shares[f, i, j], shares)
+                store(leaves.offsets[f, i, j], away)
 
 
 @kernel
@@ -105,11 +108,14 @@ def _from_axes(parts, axes):
 def _draw_images(carrier, leaves, f, room):
     for i in range(room.image.shape[0]):
         for j in range(room.image.shape[1]):
-            point, axes, (s, shares, by_phi) = _leaf_frame(carrier, leaves, f, i, j)
-            store(room.image[i, j], add(point, _from_axes(leaves.offsets[f, i, j], axes)))
+            w, t, h = leaves.weights[f, i, j], leaves.feet[f, i, j], leaves.shares[f, i, j]
+            b = w[0], w[1], w[2]
+            point, n = over_foot(carrier, t, b, (h[0], h[1], h[2]))
+            away = _from_axes(leaves.offsets[f, i, j], _leaf_frame(carrier, t, n))
+            store(room.image[i, j], add(point, away))
             if j == 0:
-                slope = slope_over(carrier, leaves.feet[f, i, j], s, shares, by_phi)
-                store(room.up[i], unit(sub(axes[2], slope)))
+                _, _, slope, _, _ = leaf_point(carrier, t, b, (leaves.values[f], 0.0))
+                store(room.up[i], unit(sub(n, slope)))
 
 
 @kernel

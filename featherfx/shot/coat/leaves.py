@@ -129,8 +129,8 @@ class MovingCoat:
         self._order[bent] = np.arange(len(bent))
         self._straight = straight = self._lay(np.zeros(len(numbers)))
         self._turned = np.zeros(0), straight
-        self._feet, places = straight.feet[:, :, 0], straight.places
-        self._place = np.maximum(places[:, :, 0], 0.0)
+        places = np.sqrt(straight.shares[..., 1])
+        self._feet, self._place = straight.feet[:, :, 0], places[:, :, 0]
         self._tips = self._means(self._place**4, bent)
         left = coat.rooms[numbers] - np.abs(coat.deviations[numbers, 1])
         self._rooms = np.maximum(left, _LEAST_ROOM)
@@ -151,7 +151,7 @@ class MovingCoat:
             values=coat.values[numbers],
             feet=lain.feet,
             weights=lain.weights,
-            places=lain.places,
+            shares=np.empty_like(lain.nodes),
             offsets=np.empty_like(lain.nodes),
             directors=own,
             steps=forms.steps,
