@@ -138,7 +138,8 @@ class SkinMeans:
         count = len(places.triangle)
         rows = np.repeat(np.arange(count), 3), faces[places.triangle].ravel()
         shape = count, len(elements.masses)
-        values = np.broadcast_to(weights, count)[:, None] * places.place
+        self._weights = np.broadcast_to(weights, count)
+        values = self._weights[:, None] * places.place
         self._spread = csr_array((values.ravel(), rows), shape=shape).T
         own = self._solve(self._spread @ np.ones(count))
         self._least = _FAR_DENSITY * own.max()
@@ -146,7 +147,8 @@ class SkinMeans:
 
     def __call__(self, data: Array) -> Array:
         """Means (V, ...) of data (N, ...); far from all places that of all."""
-        found = self._solve(self._spread @ data) + self._least * np.mean(data, axis=0)
+        whole = np.average(data, axis=0, weights=self._weights)
+        found = self._solve(self._spread @ data) + self._least * whole
         return np.asarray((found.T / self.density).T)
 
     def smooth(self, values: Array) -> Array:
