@@ -168,7 +168,10 @@ def test_faults_of_keyframes(tmp_path: Path, second: str, said: str) -> None:
             "motion: goes on until frame 65, and the shot ends with frame 5. Give frames = [5, 65]",
         ),
         ('{ base = "shake", frequency = 12 }', ""),
-        (KEYS.format(-2, -2), ""),
+        (
+            KEYS.format(-2, -2),
+            "motion: has keyframes at one time alone, so that nothing moves. Give",
+        ),
         (KEYS.format(0, 0.04), ""),
         ('"flap"', ""),
     ],

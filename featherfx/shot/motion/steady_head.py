@@ -22,7 +22,7 @@ from featherfx.shot.motion.body_joints import HEAD, NECK
 from featherfx.shot.motion.joints import JointPoses, PosesOverTime, Skeleton
 from featherfx.shot.motion.motion import scaled_turns
 
-_NECK_SHARE = 0.6  # of the turn that levels the head; by eye
+_NECK_SHARE = 0.45  # of the turn that levels the head; by eye
 _NECK_WAY = 0.5  # of the way of the head, that the root of the neck goes along; by eye
 
 

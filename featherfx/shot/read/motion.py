@@ -79,13 +79,15 @@ def warn_of_aliases(motion: Motion, rate: float, source: str, tempo: float = 1.0
 
 
 def warn_of_length(motion: Motion, frames: tuple[int, int], rate: float, source: str) -> None:
-    """Warn of a motion that goes on after the last of frames, or is over before the first. rate:
-    1/s, frames."""
+    """Warn of a motion that goes on after the last of frames, is over before the first, or has
+    keyframes at one time alone. rate: 1/s, frames."""
     (first, last), ends = frames, list(_ends(motion))
     end = first + rate * max((each for each in ends if each < math.inf), default=0.0)
     if end > last + 1.0:
         told = f"goes on until frame {math.ceil(end)}, and the shot ends with frame {last}. Give"
         told += f" frames = [{first}, {math.ceil(end)}], or a higher tempo"
+    elif motion.kind == "keys" and not ends:
+        told = "has keyframes at one time alone, so that nothing moves. Give others at another time"
     elif ends and max(ends) <= 0.0:
         told = f"is over at frame {end:.4g}, before the first, {first}. Give later times or start"
     else:
