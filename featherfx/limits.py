@@ -32,6 +32,7 @@ MAX_SEARCHES = 100  # names for which the likeliest meant one is looked for
 MAX_COMPARED = 1000  # names that one is compared with
 MAX_JOBS = 1024
 MAX_ROWS, MAX_COLUMNS, MAX_BARBS = 5000, 500, 10_000  # of what is drawn of a feather
+MAX_BARBULES = 1000  # that are drawn on either side of a barb; real ones have up to 600
 MAX_CLUMPS = 1000  # of the barbs of a vane that is wet
 MAX_SUBFRAMES = 1000
 MAX_FRAMES = 1_000_000  # that are written at a time

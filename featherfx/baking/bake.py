@@ -53,7 +53,8 @@ def bake(
     bake of this shot and these options left; a finished cache is left as it is.
     feathers: (i, n), the i-th of n shares of the feathers, to the file that part_path names; see
     join. render_rows, render_columns: of the meshes, at least 3 and 1; default: as simulated.
-    barbs: along each vane, written as curves besides. meters_per_unit: m. up_axis: "Y" or "Z".
+    barbs: along each vane, written as curves besides. barbules: on either side of each of these.
+    meters_per_unit: m. up_axis: "Y" or "Z".
     layout: "flat", "payload", "clips", or "auto", which takes flat for small caches and clips for
     large ones. chunk: frames that go to a file of their own when they are done. subframes: samples
     a frame; those between two frames stand at fractional time codes. accelerations: whether they

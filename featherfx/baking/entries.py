@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 # bytes of a mesh point and of a barb, measured: while one feather is built, of a feather and of its
 # map from the simulated grid, which feathers of one shape share, and of its poses on their way
 _BUILDING_BYTES, _BUILT_BYTES, _MAP_BYTES, _POSE_BYTES = 2000, 190, 170, 100
-_BUILDING_BARB_BYTES, _BARB_BYTES = 32_000, 10_000
+_BUILDING_BARB_BYTES, _BARB_BYTES, _BARBULE_BYTES = 32_000, 10_000, 400
 
 
 def entries_of(
@@ -114,11 +114,17 @@ def _shading(groom: Groom) -> tuple[str, ...]:
 def refuse_too_large(
     groom: Groom, quality: Quality, drawn: DrawnOptions, source: str, instances: bool = False
 ) -> None:
-    """Raise InputError where the meshes and barbs to draw do not fit into memory.
+    """Raise InputError where the meshes, barbs and barbules to draw do not fit, as into memory.
 
     quality: of the simulation. source: of the problem. instances: whether feathers of one shape are
     drawn once.
     """
+    if drawn.barbules:
+        parting = dict.fromkeys(p.kind.name for p in groom.feathers if p.kind.may_part)
+        told = "may split, and barbules would bridge the split. Leave --barbules out"
+        faults = [f"vanes of the kind '{name}' {told}" for name in parting]
+        faults += [] if drawn.barbs else ["needs barbs. Give --barbs N, too"]
+        require(*(Problem(source, "barbules", each) for each in faults))
     first, chosen = distinct_shapes(groom.feathers)
     rows, columns = drawn.grid(quality)
     points = rows * (2 * columns + 3)
@@ -129,6 +135,9 @@ def refuse_too_large(
     if drawn.barbs:
         needed += drawn.barbs * (_BUILDING_BARB_BYTES + _BARB_BYTES * len(first))
         what += f" with {drawn.barbs} barbs a vane"
+        barbules = 4 * drawn.barbs * (drawn.barbules or 0)
+        needed += _BARBULE_BYTES * barbules * (len(first) + len(chosen))
+        what += f" and {drawn.barbules} barbules a side" if barbules else ""
     refuse_beyond_memory(needed, source, "", what)
 
 
@@ -265,9 +274,10 @@ def drawn_entries(
     ):
         barbs = None
         if count:
-            from featherfx.feather.barb_looks import drawn_barbs
+            from featherfx.feather.barbules import barbed_feather
 
-            barbs = drawn_barbs(placement.kind, grid, count, placement.mirrored, placement.id)
+            shape = placement.kind, grid, count, placement.mirrored
+            barbs = barbed_feather(*shape, placement.id, drawn.barbules or 0)
             if placement.leaf is not None:
                 barbs = replace(barbs, points=barbs.points_map(coarse[index].rest))
             points = barbs.points @ placement.rotation.T + placement.position

@@ -138,7 +138,7 @@ def list_caches(flock: FlockShot, folder: Path, options: FlockOptions) -> list[B
         if bird.way == FAR_BIRD:
             rows = min(_FAR_ROWS, flock.groups[bird.group].shot.quality.rows)
             own = own | {"render_rows": rows, "render_columns": _FAR_COLUMNS}
-            own = own | {"group": AS_ONE, "barbs": None, "textures": None}
+            own = own | {"group": AS_ONE, "barbs": None, "barbules": None, "textures": None}
         cache = _cache_path(bird, flock, folder)
         if cache not in found:
             found[cache] = BirdCache(bird, cache.with_suffix(".toml"), cache, frames, own)

@@ -12,7 +12,15 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin, get_type_h
 from featherfx.errors import require_type
 from featherfx.groom.keys.problems import nearest
 from featherfx.groom.presets.folders import folders_of
-from featherfx.limits import MAX_BARBS, MAX_BIRDS, MAX_COLUMNS, MAX_JOBS, MAX_ROWS, option
+from featherfx.limits import (
+    MAX_BARBS,
+    MAX_BARBULES,
+    MAX_BIRDS,
+    MAX_COLUMNS,
+    MAX_JOBS,
+    MAX_ROWS,
+    option,
+)
 from featherfx.usd.write.options import StageOptions, WriteOptions
 
 if TYPE_CHECKING:
@@ -49,6 +57,14 @@ class DrawnOptions:
         "Also write N barbs along each vane as curves (variant `barbs` of the root prim).",
         least=1,
         most=MAX_BARBS,
+        metavar="N",
+    )
+    barbules: int | None = option(
+        None,
+        "Also write N barbules on either side of each of these barbs, which then are as thin as"
+        " without them.",
+        least=1,
+        most=MAX_BARBULES,
         metavar="N",
     )
 

@@ -243,7 +243,7 @@ def _settings(shot: Shot, frames: tuple[int, int], options: BakeOptions) -> dict
         "feathers": "{}/{}".format(*options.feathers) if options.feathers else "all",
         **{name: json.dumps(getattr(options, name)) for name in sorted(written)},
         "render grid": "{} x {}".format(*options.grid(shot.quality)),
-        "barbs": str(options.barbs or "none"),
+        "barbs": f"{options.barbs or 0} with {options.barbules or 0} barbules",
         **{f"shot.{key}": text for key, text in shot_settings(shot).items()},
     }
 

@@ -47,14 +47,15 @@ _DORSAL = 1  # number of the director
 
 
 def drawn_barbs(
-    kind: FeatherKind, grid: tuple[int, int], count: int, mirrored: bool, id: str
+    kind: FeatherKind, grid: tuple[int, int], count: int, mirrored: bool, id: str | int
 ) -> BarbCurves:
-    """As barb_curves, with the kind's look in the draw of a feather's id. Vanes that may part have
-    none. Raises InputError as build_feather does."""
+    """As barb_curves, with the kind's look in the draw of a feather's id, or of that number. Vanes
+    that may part have none. Raises InputError as build_feather does."""
     look = kind.barbs
     if kind.may_part or not look.moves_barbs:
         return barb_curves(kind, grid, count, mirrored)
-    return _dressed(kind, grid, count, mirrored, stable_number(id) % look.variants)
+    draw = stable_number(id) % look.variants if isinstance(id, str) else id
+    return _dressed(kind, grid, count, mirrored, draw)
 
 
 @lru_cache(maxsize=1024)

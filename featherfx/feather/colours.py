@@ -143,7 +143,7 @@ def _barb_places(feather: Feather, barbs: BarbCurves) -> Array:
         rows = linear_weights(feather.station / feather.station[-1], barbs.st[own, 0, 1])
         columns = linear_weights(along, np.abs(2.0 * barbs.st[own][0, :, 0] - 1.0))
         found[own] = np.einsum("bn,km,nmx->bkx", rows, columns, places[side])
-    return found.reshape(-1, 4)
+    return barbs.drawn(found.reshape(-1, 4))
 
 
 def _row_places(feather: Feather) -> Array:

@@ -234,7 +234,8 @@ class BarbCurves:
     side: (B,) LEADING or TRAILING. st: (B, K, 2) texture coordinates, those of the vane's surface.
     points_map: from the simulated feather's rows (or rates) to points. hooked: (B, K) share of
     barbules that are hooked. mirrored: whether the feather is. strands: splits.SplitBarbs of the
-    points, one curve after the other, of a vane that may part.
+    points, one curve after the other, of a vane that may part. barbules: barbules.Barbules that are
+    drawn besides.
     """
 
     points: Array
@@ -246,6 +247,35 @@ class BarbCurves:
     hooked: Array
     mirrored: bool = False
     strands: Any = None
+    barbules: Any = None
+
+    def drawn(self, values: Array) -> Array:
+        """(B K + C 3, ...) values of all curves' points, from those of the barbs' (B K, ...)."""
+        if self.barbules is None:
+            return values
+        return np.concatenate([values, self.barbules.matrix @ values])
+
+    def of_curves(self, values: Any) -> Any:
+        """(B + C, ...) values of all curves, from those of the barbs (B, ...)."""
+        return (
+            values
+            if self.barbules is None
+            else np.concatenate([values, values[self.barbules.barb]])
+        )
+
+    @property
+    def drawn_widths(self) -> Array:
+        """(B K + C 3,) m, of all curves' points."""
+        own = self.widths.ravel()
+        return own if self.barbules is None else np.append(own, self.barbules.widths)
+
+    @property
+    def counts(self) -> Indices:
+        """(B + C,) points of each curve."""
+        own = np.full(*self.widths.shape)
+        return (
+            own if self.barbules is None else np.append(own, np.full(*self.barbules.widths.shape))
+        )
 
     @property
     def index(self) -> Indices:

@@ -164,6 +164,7 @@ _LIMITS = (
     ("`--jobs`", str(limits.MAX_JOBS), "never more threads than feathers"),
     ("`--render-rows`, `--render-columns`", f"{limits.MAX_ROWS}, {limits.MAX_COLUMNS}", ""),
     ("`--barbs`", str(limits.MAX_BARBS), ""),
+    ("`--barbules`", str(limits.MAX_BARBULES), ""),
     ("`--subframes`", str(limits.MAX_SUBFRAMES), ""),
     ("Shares of a bake", str(limits.MAX_SHARES), ""),
     ("Side of a picture", f"{limits.MAX_SIDE} pixels", ""),

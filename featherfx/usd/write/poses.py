@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from featherfx import usd
 from featherfx.algebra.types import Array, Floats, Indices
+from featherfx.algebra.vectors import unit
 from featherfx.feather.density import carry_motion
 from featherfx.feather.types import (
     RACHIS_PART,
@@ -132,7 +133,7 @@ class PosedFeather:
         feather, barbs = entry.feather, entry.barbs
         widths = np.sqrt(feather.width * feather.height)
         self.widths = space.lengths(widths[self.thin.rows] if self.thin else widths)
-        self.barb_widths = space.lengths(barbs.widths.ravel()) if barbs else _NONE
+        self.barb_widths = space.lengths(barbs.drawn_widths) if barbs else _NONE
         self.has_barbs = len(self.barb_widths) > 0
         self.parts = (
             (MESH_PRIM, RACHIS_PRIM, BARB_PRIM) if self.has_barbs else (MESH_PRIM, RACHIS_PRIM)
@@ -269,13 +270,15 @@ class PosedFeather:
                 second = values if name == ACCELERATIONS else None
                 rate = difference_rates(strands.positions, points, given.velocities, second)
                 curves = strands.joined(curves, rate)
-            finite &= self._write(clumped(barbs, curves, *given.clumped), out[BARB_PRIM, name])
+            curves = barbs.drawn(clumped(barbs, curves, *given.clumped))
+            finite &= self._write(curves, out[BARB_PRIM, name])
         return finite
 
     def _write_barbs(self, barbs: BarbCurves, points: Array, out: Written) -> bool:
         """Write points of barbs, and their normals; return whether all are finite."""
-        out[BARB_PRIM, "normals"][:] = self._space.directions(barbs.normals(points))
-        return self._write(points, out[BARB_PRIM, "points"])
+        normals = unit(barbs.drawn(barbs.normals(points)))
+        out[BARB_PRIM, "normals"][:] = self._space.directions(normals)
+        return self._write(barbs.drawn(points), out[BARB_PRIM, "points"])
 
     def _hooked(self, given: FeatherPose) -> Array | None:
         """Return hooks of all triangles; None where all hold.

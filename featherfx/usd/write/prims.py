@@ -77,6 +77,8 @@ _PRIMVARS = {
     # of barbs: a number of each, its place on its vane from the base, and st of its root
     **dict.fromkeys(("barbId", "barbIndex"), (_TYPES.IntArray, UsdGeom.Tokens.uniform, 1)),
     "rootUv": (_TYPES.TexCoord2fArray, UsdGeom.Tokens.uniform, 1),
+    # of barbules that are drawn: 1 distal, 2 proximal; 0 of barbs
+    "barbule": (_TYPES.IntArray, UsdGeom.Tokens.uniform, 1),
     # part of a width that the barb itself has, without its barbules
     "ramus": (_TYPES.FloatArray, UsdGeom.Tokens.vertex, 1),
     # share of barbules that are hooked, of vanes whose hooks all hold; of barbs at their points
@@ -208,7 +210,7 @@ def chart_primvar(entries: Sequence[FeatherEntry]) -> Any:
 def _st(entry: FeatherEntry, part: str) -> Any:
     if part == MESH_PRIM:
         return entry.feather.surface.st
-    return np.zeros((0, 2)) if entry.barbs is None else entry.barbs.st.reshape(-1, 2)
+    return np.zeros((0, 2)) if (own := entry.barbs) is None else own.drawn(own.st.reshape(-1, 2))
 
 
 def _author_look(
@@ -323,32 +325,35 @@ def define_barbs(
 ) -> None:
     """Author the constant part of barbs. rest: as of define_mesh."""
     barbs = [entry.barbs for entry in entries if entry.barbs is not None]
-    counts = np.concatenate([np.full(*each.widths.shape) for each in barbs])
+    counts = np.concatenate([each.counts for each in barbs])
     prim = _define_curves(stage, path, counts, rest, group.barb_widths)
     # through their points, from the first to the last
     curve = UsdGeom.BasisCurves(prim)
     curve.GetTypeAttr().Set(UsdGeom.Tokens.cubic)
     curve.CreateBasisAttr(UsdGeom.Tokens.catmullRom)
     curve.GetWrapAttr().Set(UsdGeom.Tokens.pinned)
-    drawn = [0 if entry.barbs is None else len(entry.barbs.side) for entry in entries]
+    drawn = [0 if entry.barbs is None else len(entry.barbs.counts) for entry in entries]
     curves = np.concatenate([[0], np.cumsum(drawn)])
     _author_owners(prim, group, entries, points=group.points[BARB_PRIM], curves=curves)
-    ids = [barb_ids(entry.id, entry.barbs) for entry in entries if entry.barbs is not None]
+    ids = [own.of_curves(barb_ids(entry.id, own)) for entry in entries if (own := entry.barbs)]
     author_primvars(
         prim,
-        side=arrays.ints(np.concatenate([each.side for each in barbs])),
-        st=arrays.vec2f(np.concatenate([each.st.reshape(-1, 2) for each in barbs])),
+        side=arrays.ints(np.concatenate([each.of_curves(each.side) for each in barbs])),
+        st=arrays.vec2f(np.concatenate([each.drawn(each.st.reshape(-1, 2)) for each in barbs])),
         barbId=arrays.ints(np.concatenate(ids)),
-        barbIndex=arrays.ints(np.concatenate([each.index for each in barbs])),
-        rootUv=arrays.vec2f(np.concatenate([each.st[:, 0] for each in barbs])),
+        barbIndex=arrays.ints(np.concatenate([each.of_curves(each.index) for each in barbs])),
+        rootUv=arrays.vec2f(np.concatenate([each.of_curves(each.st[:, 0]) for each in barbs])),
         **paint_primvars(entries, BARB_PRIM),
     )
-    shares = {"hooked": [each.hooked for each in barbs], "ramus": [each.ramus for each in barbs]}
-    for name, values in shares.items():
-        joined = arrays.floats(np.concatenate(values).ravel())
-        author_primvars(prim, UsdGeom.Tokens.vertex, **{name: joined})
-    drawn = np.diff(group.points[BARB_PRIM]).tolist()
-    shades = join_shades(entries, "barbs", drawn)
+    if any(each.barbules is not None for each in barbs):
+        sorts = [np.append(np.zeros_like(each.side), each.barbules.sort) for each in barbs]
+        author_primvars(prim, barbule=arrays.ints(np.concatenate(sorts)))
+    for name in ("hooked", "ramus"):
+        joined = [each.drawn(getattr(each, name).ravel()) for each in barbs]
+        values = {name: arrays.floats(np.concatenate(joined))}
+        author_primvars(prim, UsdGeom.Tokens.vertex, **values)
+    points = np.diff(group.points[BARB_PRIM]).tolist()
+    shades = join_shades(entries, "barbs", points)
     _author_look(prim, "barb", materials, shades, "" if shades is None else UsdGeom.Tokens.vertex)
 
 
