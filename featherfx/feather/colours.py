@@ -5,9 +5,11 @@ Of a place on a vane, by the rest shape and row by row against the row's own fra
     a   distance from the follicle along the rachis, to the foot of the place on it, m
     l   distance from the rachis, and that of the barb's end, m
     e   distance from the vane's edge along the barb, m
+    c   l on the leading vane, -l on the trailing one, m
 
-so that bars run straight across a feather whose barbs are oblique, and spots are round. With d the
-distance from a pattern's middle and r its extent, both m, it covers what is below it by
+so that bars run straight across a feather whose barbs are oblique, or aslant by a + c tan(slant),
+and spots are round. With d the distance from a pattern's middle and r its extent, both m, it covers
+what is below it by
 
     strength * smooth((r - d) / (soft r) + 1/2),    smooth(x) = 3 x^2 - 2 x^3 within 0 and 1.
 
@@ -19,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import radians, tan
 
 import numpy as np
 
@@ -112,7 +115,7 @@ def charted(kind: FeatherKind, feather: Feather, across: Array, along: Array) ->
     columns = linear_weights(np.linspace(0.0, 1.0, feather.columns + 1), np.abs(2.0 * across - 1.0))
     sides = [np.einsum("hn,wm,nmx->hwx", rows, columns, grid[k], optimize=True) for k in (0, 1)]
     places = np.where((across >= 0.5)[:, None], sides[LEADING], sides[TRAILING])
-    return _vane_colours(kind, places.reshape(-1, 4))[0].reshape(*places.shape[:2], 3)
+    return _vane_colours(kind, places.reshape(-1, 5))[0].reshape(*places.shape[:2], 3)
 
 
 def uniform(kind: FeatherKind) -> FeatherKind:
@@ -127,7 +130,7 @@ def brightness(colour: Colour, id: str) -> float:
 
 
 def _mesh_places(feather: Feather) -> Array:
-    """(V, 4) of the mesh's points, as of _row_places."""
+    """(V, 5) of the mesh's points, as of _row_places."""
     surface, columns = feather.surface, feather.columns
     side = np.where(surface.node > columns, TRAILING, LEADING)
     place = np.where(surface.node > columns, surface.node - columns, surface.node)
@@ -135,24 +138,24 @@ def _mesh_places(feather: Feather) -> Array:
 
 
 def _barb_places(feather: Feather, barbs: BarbCurves) -> Array:
-    """(K, 4) of the points of barbs, as of _row_places."""
+    """(K, 5) of the points of barbs, as of _row_places."""
     along, places = np.linspace(0.0, 1.0, feather.columns + 1), _row_places(feather)
-    found = np.zeros((*barbs.st.shape[:2], 4))
+    found = np.zeros((*barbs.st.shape[:2], 5))
     for side in (LEADING, TRAILING):
         own = barbs.side == side
         rows = linear_weights(feather.station / feather.station[-1], barbs.st[own, 0, 1])
         columns = linear_weights(along, np.abs(2.0 * barbs.st[own][0, :, 0] - 1.0))
         found[own] = np.einsum("bn,km,nmx->bkx", rows, columns, places[side])
-    return barbs.drawn(found.reshape(-1, 4))
+    return barbs.drawn(found.reshape(-1, 5))
 
 
 def _row_places(feather: Feather) -> Array:
-    """(2, n, m + 1, 4) a, l, that of the barb's end, and e at the nodes of each vane, all over the
-    length."""
+    """(2, n, m + 1, 5) a, l, that of the barb's end, e and c at the nodes of each vane, all over
+    the length."""
     rest, columns, length = feather.rest, feather.columns, feather.station[-1]
     tangent = np.cross(rest.directors[:, 0], rest.directors[:, 1])
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    found = np.zeros((2, feather.rows, columns + 1, 4))
+    found = np.zeros((2, feather.rows, columns + 1, 5))
     found[:, :, 0, 0] = feather.station
     for side in (LEADING, TRAILING):
         way = rest.nodes[:, barb_slice(side, columns)] - rest.nodes[:, :1]
@@ -163,11 +166,12 @@ def _row_places(feather: Feather) -> Array:
         found[side, :, :, 2] = off[:, -1:]
         inwards = np.linspace(1.0, 0.0, columns + 1)
         found[side, :, :, 3] = feather.barb_length[side][:, None] * inwards
+        found[side, :, 1:, 4] = off if side == LEADING else -off
     return found / length
 
 
 def _vane_colours(kind: FeatherKind, places: Array) -> tuple[Array, dict[str, Array]]:
-    """(P, 3) linear colours at places (P, 4) of _row_places, and (P,) each of SHADING."""
+    """(P, 3) linear colours at places (P, 5) of _row_places, and (P,) each of SHADING."""
     base = kind.colour.base
     found = np.tile(VANE_COLOUR if base is None else linear(np.array(base)), (len(places), 1))
     values = {name: np.full(len(places), getattr(kind.colour, name)) for name in SHADING}
@@ -195,16 +199,17 @@ def _rachis(colour: Colour) -> Array:
 
 def _cover(pattern: Pattern, calamus: float, places: Array) -> Array:
     """(P,) how far a pattern covers places, without its strength."""
-    along, off, reach, inwards = places.T
+    along, off, reach, inwards, beside = places.T
     start, end = (calamus + (1.0 - calamus) * each for each in (pattern.start, pattern.end))
     spacing = (end - start) / pattern.count
-    nearest = np.clip(np.round((along - start) / spacing - 0.5), 0, pattern.count - 1)
-    middle = start + (nearest + 0.5) * spacing
+    middle = _nearest_middle(along, start, spacing, pattern.count)
     size = DEFAULT_PATTERN_SIZES.get(pattern.kind, 0.0) if pattern.size is None else pattern.size
     match pattern.kind:
         case "gradient":
             return faded((along - start) / (end - start))
         case "bars":
+            along = along - tan(radians(pattern.slant)) * beside
+            middle = _nearest_middle(along, start, spacing, pattern.count)
             distance, size = np.abs(along - middle), 0.5 * size * spacing
         case "spots":
             distance = np.hypot(along - middle, off - 0.5 * reach)
@@ -216,3 +221,8 @@ def _cover(pattern: Pattern, calamus: float, places: Array) -> Array:
             distance = np.where((along >= start) & (along <= end), off, np.inf)
     width = max(pattern.soft * size, 1e-9)
     return faded((size - distance) / width + 0.5)
+
+
+def _nearest_middle(along: Array, start: float, spacing: float, count: int) -> Array:
+    nearest = np.clip(np.round((along - start) / spacing - 0.5), 0, count - 1)
+    return np.asarray(start + (nearest + 0.5) * spacing)

@@ -66,6 +66,9 @@ class Pattern:
     ] = None
     soft: Annotated[float, _PLACE, "Share of the size over which its border fades."] = 0.3
     strength: Annotated[float, _PLACE, "How far it covers what is below."] = 1.0
+    slant: Annotated[
+        float, Number(-80, 80, "deg"), "Of bars, how far they lean to the tip on the leading vane."
+    ] = 0.0
     film: Annotated[
         float | None,
         _FILM,

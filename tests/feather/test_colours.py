@@ -132,3 +132,25 @@ def test_halfway_kinds_have_halfway_colours():
 def test_a_mark_without_a_size_leaves_most_of_a_feather_as_it_is(kind):
     _, _, light, _ = shades(bar(kind=kind))
     assert 0.01 < (light < 0.5).mean() < 0.5
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_slanted_bar_leans_to_the_tip_on_the_leading_vane(mirrored):
+    flat = replace(KIND.rachis, camber=0.0, sweep=0.0, twist=0.0)
+    sides = {
+        side: replace(vane, guides=tuple(replace(g, curl=0.0, camber=0.0) for g in vane.guides))
+        for side, vane in (("leading", KIND.leading), ("trailing", KIND.trailing))
+    }
+    mark = bar(start=0.4, end=0.6, count=1, size=1.0, slant=30.0)
+    kind = replace(KIND, rachis=flat, colour=Colour(base=WHITE, patterns=(mark,)), **sides)
+    feather = build_feather(kind, 201, 16, mirrored)
+    surface = feather.surface
+    vane = np.unique(surface.triangles[surface.part != RACHIS_PART])
+    points = surface.points(feather.rest)[vane]
+    beside = np.where(surface.st[vane, 0] > 0.5, 1.0, -1.0) * np.abs(points[:, 1])
+    along = (points[:, 0] - np.tan(np.radians(30.0)) * beside) / kind.length
+    off = np.abs((along - kind.calamus) / (1.0 - kind.calamus) - 0.5)
+    clear = np.abs(off - 0.1) > 0.01
+    light = colour_feather(kind, feather, None, "one").points[vane, 0]
+    assert (off < 0.09).sum() > 100
+    assert light[clear] == pytest.approx(np.where(off[clear] < 0.1, 0.0, 1.0), abs=1e-6)

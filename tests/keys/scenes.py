@@ -983,6 +983,7 @@ ELSEWHERE = {
     "bird.": "tests/groom/test_birds.py",
     "body_clearance": "tests/groom/test_lying.py",
     "coverts.loose": "tests/groom/test_wings.py",
+    "wing.bands.": "tests/groom/test_wing_bands.py",
     "groom.wing.skeleton": "tests/usdin/test_plumage_rows.py",
     "groom.row.curve.usd": "tests/usdin/test_plumage_rows.py",
     "groom.row.curve.joints": "tests/usdin/test_plumage_rows.py",

@@ -9,8 +9,8 @@ curved alike, farther up its shaft and farther from the bone. Inner feathers lie
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -18,7 +18,9 @@ import numpy as np
 
 from featherfx.algebra.rotation import from_rotation_vector, motions
 from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vectors import unit
 from featherfx.errors import all_of
+from featherfx.groom.anatomy.bands import FoldedRow, marks_of
 from featherfx.groom.anatomy.bow import Bow, wrapped
 from featherfx.groom.anatomy.pose import WingBones, as_placed, folded
 from featherfx.groom.anatomy.remiges import (
@@ -33,7 +35,7 @@ from featherfx.groom.anatomy.remiges import (
     spread_evenly,
 )
 from featherfx.groom.frames import bow_fraction
-from featherfx.groom.keys.anatomy import CovertRow, FlightRow, WingType
+from featherfx.groom.keys.anatomy import CovertRow, FlightRow, WingBand, WingType
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import Library, plain, sourced
@@ -57,7 +59,7 @@ class _Closed(NamedTuple):
 @dataclass(frozen=True)
 class _Wing:
     """A wing on its way into a groom. scale: of the feathers. closed: the same wing folded, where
-    it bends as it folds."""
+    it bends as it folds. marks: changes by the region and place of feathers that bands mark."""
 
     entry: dict[str, Any]
     place: Place
@@ -66,6 +68,7 @@ class _Wing:
     store: KindStore
     scale: float
     closed: _Closed | None = None
+    marks: Mapping[tuple[str, int], tuple[int, ...]] = field(default_factory=dict)
 
     def joint(self, bone: int) -> str:
         return f"{self.entry['id']}_{_BONES[bone]}"
@@ -90,21 +93,55 @@ def wing(
     remiges = remiges_of(kind, bones, entry["scale"])
     found = replace(found, closed=_closed(found, axes))
     _check(found, remiges, axes)
-    drafts = list(_flight(found, remiges))
-    for number, row in enumerate(kind.coverts):
-        if row.side == "below" and not entry["below"]:
-            continue
-        drafts += _coverts(found, remiges, number)
+    rows = list(_rows(found, remiges))
+    found = replace(found, marks=_marks(found, rows, axes)) if kind.bands else found
+    drafts = [draft for row in rows for draft in _feathers(found, remiges, row)]
     drafts += _alula(found)
     return drafts, _joints(found)
 
 
-def _closed(wing: _Wing, axes: Array) -> _Closed | None:
+def _shut(wing: _Wing, axes: Array) -> tuple[_Wing, Remiges]:
+    """The wing as it is folded, flat, and its flight feathers."""
     bones = wing.bones
     shut = folded(wing.kind, bones.points[0], bones.lengths, axes, bones.left, 1.0)
-    remiges = remiges_of(wing.kind, shut, wing.scale)
-    bow = bow_folded(wing.kind, shut, remiges, wing.scale)
-    return None if bow is None else _Closed(replace(wing, bones=shut), remiges, bow)
+    return replace(wing, bones=shut), remiges_of(wing.kind, shut, wing.scale)
+
+
+def _closed(wing: _Wing, axes: Array) -> _Closed | None:
+    shut, remiges = _shut(wing, axes)
+    bow = bow_folded(wing.kind, shut.bones, remiges, wing.scale)
+    return None if bow is None else _Closed(shut, remiges, bow)
+
+
+def _marks(
+    wing: _Wing, rows: Sequence[_Row], axes: Array
+) -> dict[tuple[str, int], tuple[int, ...]]:
+    """Changes by the region and place of feathers that bands mark. Raises InputError."""
+    shut, remiges = _shut(wing, axes)
+    plane = shut.bones.frames[1][:, :2]
+    known = {
+        row.region.removesuffix("s") if "covert" in row.region else row.region: row for row in rows
+    }
+    found: dict[tuple[str, int], tuple[int, ...]] = {}
+    for number, band in enumerate(wing.kind.bands):
+        place = wing.type_place.child(f"bands[{number}].rows")
+        for k, name in enumerate(band.rows):
+            if name not in known:
+                told = f"'{name}' is none of {', '.join(known)}. Name rows of the wing"
+                place.item(k).refuse(f"{told}, or give bands = []")
+        own = [known[name] for name in band.rows if len(known[name].own)]
+        flat = []
+        for row in own:
+            roots, frames = _in_plane(shut, remiges, row)
+            ways = unit(frames[:, :, 0] @ plane)
+            calamus = wing.store.kind(_choice(wing, row.kind)).calamus
+            flat.append(FoldedRow(roots @ plane, ways, row.lengths, calamus))
+        for row, marks in zip(own, marks_of(band, flat) if flat else [], strict=True):
+            for k, mark in enumerate(marks):
+                if mark is not None:
+                    key = row.region, k
+                    found[key] = (*found.get(key, ()), wing.store.mark(mark, place))
+    return found
 
 
 def wing_type(given: Any, place: Place, library: Library) -> WingType:
@@ -117,6 +154,7 @@ def wing_type(given: Any, place: Place, library: Library) -> WingType:
         told = "0, and secondaries and tertials have none either. Give a wing flight feathers"
         place.child("primaries.count").refuse(told)
     values["coverts"] = tuple(CovertRow(**each) for each in values["coverts"])
+    values["bands"] = tuple(WingBand(**each) for each in values["bands"])
     return WingType(**values)
 
 
@@ -199,10 +237,11 @@ class _Row:
     loose: bool = False
 
 
-def _flight(wing: _Wing, remiges: Remiges) -> Iterator[Draft]:
+def _rows(wing: _Wing, remiges: Remiges) -> Iterator[_Row]:
+    """Rows of flight feathers, then of coverts."""
     for number, name in enumerate(REMEX_ROWS):
         row, own = getattr(wing.kind, name), np.flatnonzero(remiges.bone == number)
-        part = _Row(
+        yield _Row(
             kind=row.kind,
             name=_SINGULAR[name],
             region=name,
@@ -213,10 +252,12 @@ def _flight(wing: _Wing, remiges: Remiges) -> Iterator[Draft]:
             forward=np.zeros(len(own)),
             numbers=tuple(remiges.numbers[k] for k in own),
         )
-        yield from _feathers(wing, remiges, part)
+    for number, covert in enumerate(wing.kind.coverts):
+        if covert.side == "above" or wing.entry["below"]:
+            yield _covert_row(wing, remiges, number)
 
 
-def _coverts(wing: _Wing, remiges: Remiges, number: int) -> Iterator[Draft]:
+def _covert_row(wing: _Wing, remiges: Remiges, number: int) -> _Row:
     """number: of the row in the type."""
     row = wing.kind.coverts[number]
     _, height = _stacked(wing, row.side, number + 1)
@@ -224,7 +265,7 @@ def _coverts(wing: _Wing, remiges: Remiges, number: int) -> Iterator[Draft]:
     arm = int((remiges.bone < 2).sum())
     count = len(remiges.rows) if row.hand > 0.0 else arm
     hand = np.arange(1.0 - arm, count - arm + 1.0) / max(0.5 * wing.kind.primaries.count, 1.0)
-    part = _Row(
+    return _Row(
         kind=row.kind,
         name=row.name,
         region=f"{row.name}s",
@@ -238,7 +279,6 @@ def _coverts(wing: _Wing, remiges: Remiges, number: int) -> Iterator[Draft]:
         numbers=tuple(range(1, count + 1)),
         loose=row.loose,
     )
-    yield from _feathers(wing, remiges, part)
 
 
 def _stacked(wing: _Wing, side: str, count: int, hand: bool = False) -> tuple[int, float]:
@@ -313,7 +353,7 @@ def _feathers(wing: _Wing, remiges: Remiges, row: _Row) -> Iterator[Draft]:
         length = float(row.lengths[k])
         yield Draft(
             id=f"{entry['id']}_{row.name}_{row.numbers[k]:02d}",
-            choice=choice,
+            choice=replace(choice, changes=wing.marks.get((row.region, k), ())),
             position=positions[k],
             rotation=rotations[k],
             region=row.region,

@@ -17,10 +17,11 @@ from featherfx.groom.keys.values import (
     Text,
     keys_of,
 )
-from featherfx.groom.looks import Colour
+from featherfx.groom.looks import Colour, Shade
 
 _LENGTH = Number(1e-3, 5, "m")
 _SPREAD_FOLDED = ArrayOf(Number(-180, 180, "deg"), 2, 2)
+_BAND_EDGES = ArrayOf(Number(-3, 3), 2, 2)  # shares of a vane, which may lie beyond it
 MAX_ROW_FEATHERS = 200
 
 
@@ -66,6 +67,26 @@ class CovertRow:
     ] = False
 
 
+@dataclass(frozen=True, kw_only=True)
+class WingBand:
+    """A band that runs straight through feathers of a wing where it is folded."""
+
+    rows: Annotated[
+        tuple[str, ...],
+        ArrayOf(Text(), 1, 10),
+        'Rows that have it, from the body outwards: "tertials", "secondaries", "primaries", or the '
+        "names of coverts.",
+    ]
+    colour: Annotated[Shade, ArrayOf(Number(0, 1), 3, 3), "Red, green and blue (sRGB)."]
+    inner: Annotated[
+        tuple[float, float],
+        _BAND_EDGES,
+        "Where it begins and ends on the innermost feather of these rows.",
+    ]
+    outer: Annotated[tuple[float, float], _BAND_EDGES, "The same on the outermost."]
+    soft: Annotated[float, Number(0, 1), "Share of its width over which its borders fade."] = 0.2
+
+
 _FLIGHT = Table(keys_of(FlightRow), "table of flight feathers")
 
 
@@ -89,6 +110,11 @@ class WingType:
         tuple[CovertRow, ...],
         ArrayOf(Table(keys_of(CovertRow), "table of a row of coverts"), 0, 40),
         "Rows of coverts; on either side each lies over the one before it.",
+    ] = ()
+    bands: Annotated[
+        tuple[WingBand, ...],
+        ArrayOf(Table(keys_of(WingBand), "table of a band"), 0, 20),
+        "Marks over those of the feathers that run through the folded wing.",
     ] = ()
     shoulder: Annotated[
         tuple[float, float], _SPREAD_FOLDED, "Upper arm, turned back from sideways."

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 from featherfx.errors import InputError, all_of
 from featherfx.groom.document import merge_tables
 from featherfx.groom.keys.problems import Place
+from featherfx.groom.looks import Pattern
 from featherfx.groom.presets.kinds import Change, adjusted, blended, kind_of
 from featherfx.groom.presets.library import Library, Sourced, Tree
 from featherfx.groom.types import FeatherKind
@@ -36,6 +37,7 @@ class KindStore:
         self._library = library
         self._changes: list[tuple[Tree, Place]] = []
         self._shades: dict[int, Tree] = {}
+        self._marks: dict[Pattern, int] = {}
         self._kinds: dict[Any, FeatherKind | InputError] = {}
         self._adjusted: dict[Any, FeatherKind] = {}
 
@@ -49,6 +51,12 @@ class KindStore:
         number = self.change({}, place)
         self._shades[number] = {name: Sourced(each, place.source) for name, each in shade.items()}
         return number
+
+    def mark(self, pattern: Pattern, place: Place) -> int:
+        """Registers a mark over all others of a kind; equal ones have one number."""
+        if pattern not in self._marks:
+            self._marks[pattern] = self.change({}, place)
+        return self._marks[pattern]
 
     def kind(self, choice: KindChoice) -> FeatherKind:
         """The chosen kind. Raises InputError."""
@@ -86,7 +94,10 @@ class KindStore:
             tree = merge_tables(tree, above)
             if number in self._shades:
                 tree["colour"] = {**tree.get("colour", {}), **self._shades[number]}
-        return kind_of(name, library.finish("feather", tree, at), at)
+        kind = kind_of(name, library.finish("feather", tree, at), at)
+        marks = tuple(mark for mark, number in self._marks.items() if number in changes)
+        colour = replace(kind.colour, patterns=kind.colour.patterns + marks)
+        return replace(kind, colour=colour) if marks else kind
 
     def adjusted(self, kind: FeatherKind, change: Change) -> FeatherKind:
         """The kind with a change; one object for equal requests."""
