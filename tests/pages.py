@@ -21,7 +21,14 @@ from featherfx.cli.main import main
 from featherfx.groom.keys.renamed import RENAMED
 
 ROOT = Path(__file__).resolve().parents[1]
-GENERATED = {"reference.md", "commands.md", "validation.md", "api.md", "peers.md"}
+GENERATED = {
+    "reference.md",
+    "commands.md",
+    "validation.md",
+    "validation_networks.md",
+    "api.md",
+    "peers.md",
+}
 # figures with the date of their measurement
 EVIDENCE = {"benchmarks.md", "measurements.md", "skips.md"}
 MAX_WORDS = 40_000  # of all pages

@@ -584,7 +584,7 @@ SCENES = {
         shot(
             wind={"base": "breeze", "direction": [0, 1, 0.5], "speed": 8, "gust": 0.5},
             wet=[{"keys": [[0.0, 0.5]]}],
-            shelter=[{"share": 0.3}],
+            shelter=[{"share": 0.4}],  # not that of two vanes, 0.3
         ),
         ("shot.wind", "shot.wet", "shot.shelter"),
         {

@@ -202,7 +202,7 @@ def test_a_plate_that_is_let_go_swings_with_its_air_and_loses_energy_to_a_stream
 
 def pressed(aspect, angle, across=1.0):
     """C_N of a plate with attached flow in a stream across its shaft, or in part along it."""
-    kind = plate(0.5 * LENGTH / aspect, attached=0.8)
+    kind = plate(0.5 * LENGTH / aspect, attached=0.83)
     model = make_model([build_feather(kind, 21, 3)], [kind], 1)
     turn, along = np.radians(angle), np.sqrt(1.0 - across**2)
     flow = np.array([along * np.cos(turn), -across * np.cos(turn), np.sin(turn)])

@@ -6,21 +6,32 @@ from pathlib import Path
 
 import numpy as np
 
+from featherfx.algebra.types import Array
 from featherfx.feather.build import build_feather
+from featherfx.feather.outline import outline_curve
 from featherfx.groom.types import FeatherKind
-from featherfx.lab.feathers.air import GRID, StreamTest, measure_stream, stream_coefficients
+from featherfx.lab.feathers.air import (
+    GRID,
+    FallTest,
+    StreamTest,
+    find_feather_modes,
+    measure_fall,
+    measure_stream,
+    stream_coefficients,
+)
 from featherfx.lab.feathers.feather import feather_kind
 from featherfx.lab.ribbons.rod import ModesTest, Rod, find_rod_modes
 from featherfx.lab.studies.study import Comparisons, StudyResult, independent, published
 from featherfx.mechanics.air_kernels import area_vectors
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Model
-from featherfx.mechanics.resolution import vane_width
 from featherfx.solver.step.modes import frequencies
 
 _FLIGHT = ("swan_primary", "primary", "secondary", "tail_feather")
-# kg/m^3; deg between two directions of a stream
-_AIR, _TURN = 1.225, 2.0
+_SHAKEN = (*_FLIGHT, "swan_secondary", "owl_primary", "tertial", "rectrix", "greater_covert")
+_DROPPED = ("down", "semiplume", "contour", "primary")
+# kg/m^3; deg between two directions of a stream; m/s^2
+_AIR, _TURN, _GRAVITY = 1.225, 2.0, 9.81
 _LINE = independent("Helmbold 1942: slope of a wing's lift by its aspect ratio")
 _PLATES = independent("Lindenburg 2003 (ECN-C--03-025): fit to plates of finite aspect ratio")
 _STRIPS = independent("strip theory: pi c^2 / 4 of air a metre, as a mass of every direction")
@@ -38,10 +49,14 @@ def in_air(folder: Path) -> StudyResult:
     rows = Comparisons()
     for name in _FLIGHT:
         rows += _pressed(name)
-    for name in _FLIGHT:
+    for name in (*_SHAKEN, "alula", "contour"):
         rows += _slowed(name)
     rows += _lifted("swan_primary")
     rows += _lost()
+    for name in _SHAKEN:
+        rows += _damped(name)
+    for name in _DROPPED:
+        rows += _fallen(name)
     return StudyResult(rows)
 
 
@@ -50,25 +65,37 @@ def _model(name: str) -> tuple[FeatherKind, Model]:
     return kind, make_model([build_feather(kind, rows, columns)], [kind], coefficients)
 
 
+def _areas(kind: FeatherKind, model: Model) -> Array:
+    """(n, 1 + 2 m, 3) m^2, area of the vane around each node at rest times its normal."""
+    area = np.zeros((*model.mass[0].shape, 3))
+    area_vectors(build_feather(kind, *GRID[:2]).rest.nodes, model.cell_stiffness[0], area)
+    return area
+
+
+def _aspect(kind: FeatherKind, area: float) -> float:
+    return float((kind.length * (1.0 - kind.calamus)) ** 2 / area)
+
+
+def _plate(aspect: float, angle: float) -> float:
+    """Normal coefficient of a plate by its aspect ratio and an angle, deg (Lindenburg 2003)."""
+    sine, finite = np.sin(np.radians(angle)), 0.41 * (1.0 - np.exp(-17.0 / aspect))
+    return float(1.98 * sine * (1.0 / (0.56 + 0.44 * sine) - finite))
+
+
 def _pressed(name: str) -> Comparisons:
     """Normal coefficients: half of what both sides differ by, since plates have no camber."""
     kind, model = _model(name)
-    area = np.zeros((*model.mass[0].shape, 3))
-    area_vectors(build_feather(kind, *GRID[:2]).rest.nodes, model.cell_stiffness[0], area)
-    vane = kind.length * (1.0 - kind.calamus)
-    aspect = vane**2 / float(np.linalg.norm(area, axis=-1).sum())
-    angles = np.array([10.0, 30.0, 60.0, 90.0])
+    aspect = _aspect(kind, float(np.linalg.norm(_areas(kind, model), axis=-1).sum()))
+    angles = np.array([5.0, 10.0, 30.0, 45.0, 60.0, 90.0])
     both = ",".join(f"{each:g}" for each in (*angles, *-angles))
     cn = measure_stream(StreamTest(name, both)).cn
-    finite, rows = 0.41 * (1.0 - np.exp(-17.0 / aspect)), Comparisons()
-    for angle, found in zip(angles, 0.5 * (cn[:4] - cn[4:]), strict=True):
+    rows, count = Comparisons(), len(angles)
+    for angle, found in zip(angles, 0.5 * (cn[:count] - cn[count:]), strict=True):
         turn = np.radians(angle)
         line = 2.0 * np.pi * aspect / (2.0 + np.sqrt(aspect**2 + 4.0)) * turn
-        sine = np.sin(turn)
-        plate = 1.98 * sine * (1.0 / (0.56 + 0.44 * sine) - finite)
-        expected, source = (line, _LINE) if angle < 30.0 else (plate, _PLATES)
+        expected, source = (line, _LINE) if angle < 30.0 else (_plate(aspect, angle), _PLATES)
         note = f"aspect ratio {aspect:.2g}"
-        note += "; flow begins to leave the vane" if angle < 30.0 else ""
+        note += "; flow begins to leave the vane" if angle == 10.0 else ""
         rows.compare(
             f"normal coefficient of {name} at {angle:g} deg",
             found,
@@ -83,9 +110,13 @@ def _pressed(name: str) -> Comparisons:
 def _slowed(name: str) -> Comparisons:
     """First frequency with the air that the vane carries, moduli at rest."""
     kind, model = _model(name)
-    feather, area = build_feather(kind, *GRID[:2]), np.zeros((*model.mass[0].shape, 3))
-    area_vectors(feather.rest.nodes, model.cell_stiffness[0], area)
-    strip = _AIR * np.pi / 4 * vane_width(feather)[:, None] * np.linalg.norm(area, axis=-1)
+    feather = build_feather(kind, *GRID[:2])
+    nodes, vane = feather.rest.nodes, 1.0 - kind.calamus
+    row = np.linalg.norm(nodes[:, :, None] - nodes[:, 0], axis=-1).argmin(axis=2)
+    place = (feather.station[row] / kind.length - kind.calamus) / vane
+    outlines = [outline_curve(each.outline).T for each in (kind.leading, kind.trailing)]
+    width = sum(np.interp(place, x, y, left=0.0, right=0.0) for x, y in outlines)
+    strip = _AIR * np.pi / 4 * kind.length * width * np.linalg.norm(_areas(kind, model), axis=-1)
     expected = frequencies(model._replace(mass=model.mass + strip), 0, 1)[0]
     found, still = frequencies(model, 0, 1, _AIR)[0], frequencies(model, 0, 1)[0]
     rows, note = (
@@ -129,4 +160,30 @@ def _lost() -> Comparisons:
         text = f"decrement of mode {mode} of a rod with a loss factor of 0.1"
         note = f"at {found.frequencies[mode - 1]:.3g} Hz"
         rows.compare(text, decrement, 0.1 * np.pi, 0.03, source, absolute=True, note=note)
+    return rows
+
+
+def _damped(name: str) -> Comparisons:
+    """Decrements of a feather in air, whose materials all have one loss factor."""
+    kind, rows = feather_kind(name), Comparisons()
+    loss, found = kind.vane_material.loss_factor, find_feather_modes(name, 3, True)
+    source = independent("closed form: pi times the loss factor")
+    for mode, decrement in enumerate(found.decrements, 1):
+        note = f"at {found.frequencies_hz[mode - 1]:.3g} Hz; of the materials alone"
+        text = f"decrement of mode {mode} of {name}"
+        rows.compare(text, decrement, np.pi * loss, 0.3 * loss, source, absolute=True, note=note)
+    return rows
+
+
+def _fallen(name: str) -> Comparisons:
+    """Speed of a free fall beside that of a plate of its weight that stays level."""
+    (kind, model), rows = _model(name), Comparisons()
+    area = abs(float(_areas(kind, model)[..., 2].sum()))
+    drag = 0.5 * _AIR * area * _plate(_aspect(kind, area), 90.0)
+    level = np.sqrt(float(model.mass[0].sum()) * _GRAVITY / drag)
+    found = measure_fall(FallTest(name)).speed
+    note = "no published speed is known to us"
+    note += "; it dives, its calamus ahead" if found > 1.5 * level else ""
+    text = f"speed at which {name} falls"
+    rows.compare(text, found, float(level), 0.1, _PLATES, unit="m/s", note=note)
     return rows

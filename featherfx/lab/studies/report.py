@@ -162,6 +162,7 @@ _INTRODUCTION = (
     " have of Jouve et al. 2024 (10 pages) and Charrondiere et al. 2019 (7 pages) carry none. SI"
     " units."
 )
+_DIFFERENCES = "## What differs\n\nRows of the sections above that miss their tolerance."
 NO_PLOTS = "There are no figures: matplotlib (the optional extra `plots`) is not installed."
 _STYLE = """
 body { font: 15px/1.5 sans-serif; max-width: 70em; margin: 2em auto; padding: 0 1em; }
@@ -226,24 +227,32 @@ def taken(result: StudyResult) -> str:
     return f"{result.seconds:.1f} s, {result.processor_seconds:.1f} s of processor time"
 
 
-def markdown(entries: Sequence[Entry], version: str, folder: str = ".") -> str:
-    """The page as Markdown; folder: of the figures, as the page refers to it."""
-    parts = ["# Validation", _INTRODUCTION, *facts(entries, version)]
+def markdown(
+    entries: Sequence[Entry], version: str, folder: str = ".", title: str = "Validation"
+) -> str:
+    """The page as Markdown, rows that differ last; folder: of the figures, relative to the page."""
+    parts = [f"# {title}", _INTRODUCTION, *facts(entries, version)]
     for study, result in ((entry.study, entry.result) for entry in entries):
         parts.append(f"## {study.title}")
         parts.append(
             f"`{study.name}`, after {study.reproduces}. {result.verdict.capitalize()};"
             f" {taken(result)}."
         )
-        lines = ["| " + " | ".join(_COLUMNS) + " |", "|---|---:|---|---:|---:|---|---|---|---|"]
-        lines += [
-            "| " + " | ".join(cell.replace("|", "\\|") for cell in cells(row)) + " |"
-            for row in result.rows
-        ]
-        parts.append("\n".join(lines))
+        parts += _tables([row for row in result.rows if row.verdict != "differs"])
         for figure in result.figures:
             parts += [f"![]({folder}/{figure.file.name})", f"*{figure.caption}*"]
+    different = [row for entry in entries for row in entry.result.rows if row.verdict == "differs"]
+    parts += [_DIFFERENCES, *_tables(different)] if different else []
     return "\n\n".join(parts) + "\n"
+
+
+def _tables(rows: Sequence[Row]) -> list[str]:
+    """The rows as a Markdown table; none without rows."""
+    lines = ["| " + " | ".join(_COLUMNS) + " |", "|---|---:|---|---:|---:|---|---|---|---|"]
+    lines += [
+        "| " + " | ".join(cell.replace("|", "\\|") for cell in cells(row)) + " |" for row in rows
+    ]
+    return ["\n".join(lines)] if rows else []
 
 
 def page(entries: Sequence[Entry], version: str) -> str:
@@ -435,8 +444,11 @@ def write_report(folder: Path, entries: Sequence[Entry], version: str) -> list[P
 
 
 def write_markdown(file: Path, entries: Sequence[Entry], version: str) -> None:
-    """Write the page as Markdown, its figures and its numbers (JSON) in a folder of the same name
-    beside it. Studies that were not run stay as they are there."""
+    """Write the page of feathers as Markdown, and beside it that of networks and skin.
+
+    Figures and numbers (JSON) of both go to a folder of the same name. Studies that were not run
+    stay as they are there.
+    """
     folder = file.with_suffix("")
     folder.mkdir(parents=True, exist_ok=True)
     if (before := folder / RECORD_FILE).exists():
@@ -447,4 +459,8 @@ def write_markdown(file: Path, entries: Sequence[Entry], version: str) -> None:
             if figure.file.parent != folder:
                 shutil.copyfile(figure.file, folder / figure.file.name)
     file.parent.mkdir(parents=True, exist_ok=True)
-    write_text(file, markdown(entries, version, folder.name))
+    networks = [entry for entry in entries if entry.study.is_of_networks]
+    feathers = [entry for entry in entries if not entry.study.is_of_networks]
+    other, title = file.with_stem(f"{file.stem}_networks"), "Validation of networks and skin"
+    write_text(file, markdown(feathers, version, folder.name, "Validation of feathers"))
+    write_text(other, markdown(networks, version, folder.name, title))

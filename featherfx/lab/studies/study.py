@@ -221,6 +221,11 @@ class Study:
     place: str
 
     @property
+    def is_of_networks(self) -> bool:
+        """Return whether it is about networks of fibres or skin, not feathers."""
+        return self.place.split(":")[0].endswith((".networks", ".space", ".tissue"))
+
+    @property
     def run(self) -> Callable[[Path], StudyResult]:
         """The function."""
         module, _, name = self.place.partition(":")

@@ -13,7 +13,7 @@ on each other that of one; e0 is chosen by eye, as no measured value of a plumag
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -53,21 +53,25 @@ class _Outlines(NamedTuple):
     weight: Array
 
 
-def lying_exposures(placements: Sequence[Placement], skin: BoundSkin) -> Array:
-    """(F,) e of feathers that grow on a skin, by how they lie at rest; 1 where none is beneath."""
+def lying_exposures(placements: Sequence[Placement], skin: BoundSkin | None) -> Array:
+    """(F,) e of feathers by how they lie at rest; 1 where neither vane nor skin is beneath."""
     shapes: dict[tuple[object, ...], int] = {}
     shape = [shapes.setdefault(_shape(each.kind), len(shapes)) for each in placements]
     places = [(p.kind.length, p.position, p.rotation, p.mirrored) for p in placements]
     own = [np.array(each) for each in zip(*places, strict=True)]
     parts = [
         (part.members, part.surface.rest, part.surface.triangles, part.surface.bones is None)
-        for part in skin.parts
+        for part in _parts(skin)
     ]
     known = [list(shapes), shape, own, strips_of(placements), parts]
     return kept("exposures", known, lambda: {"of": _lying(placements, skin)})["of"]
 
 
-def _lying(placements: Sequence[Placement], skin: BoundSkin) -> Array:
+def _parts(skin: BoundSkin | None) -> Sequence[Any]:
+    return () if skin is None else skin.parts
+
+
+def _lying(placements: Sequence[Placement], skin: BoundSkin | None) -> Array:
     outlines = _outlines([placement.kind for placement in placements])
     position = np.array([p.position for p in placements]).reshape(-1, 1, 3)
     axes = np.array([p.rotation for p in placements]).reshape(-1, 3, 3).transpose(0, 2, 1).copy()
@@ -138,11 +142,11 @@ def _over(outlines: _Outlines, other: Indices, seen: Array, reach: Array) -> Fla
     return np.asarray(inside & (np.abs(above) <= reach[:, None]))
 
 
-def _over_skin(points: Array, dorsal: Array, length: Array, skin: BoundSkin) -> Flags:
+def _over_skin(points: Array, dorsal: Array, length: Array, skin: BoundSkin | None) -> Flags:
     """(F, 10) whether points (F, 10, 3) m lie over the skin that their feathers grow on: what is
     nearest of it is below them, not beside. dorsal: (F, 3). length: (F,) m."""
     found = np.zeros(points.shape[:2], dtype=bool)
-    for part in skin.parts:
+    for part in _parts(skin):
         if part.surface.bones is not None:
             continue
         own = points[part.members]

@@ -54,10 +54,9 @@ def place_feathers(shot: Shot) -> Shot:
             surfaces, colliders = move_body(replace(shot, groom=groom), surfaces)
             load_name("motion.body_in_collider:warn_of_passage")(shot, surfaces, colliders)
         skin = surfaces.bind(groom)
-    if skin is not None:
-        _refuse_crowds(groom.feathers, str(shot.source), "skin", "since these shelter each other")
     exposure = None
-    if skin is not None:
+    if skin is not None or len(groom.feathers) > 1:
+        _refuse_crowds(groom.feathers, str(shot.source), "groom", "since these shelter each other")
         exposure = load_name("loads.shelter:lying_exposures")(groom.feathers, skin)
     return replace(
         shot, groom=groom, skin=skin, colliders=colliders, surfaces=None, exposure=exposure

@@ -187,7 +187,7 @@ SHOT = {
     "shelter": tables(
         SHELTER,
         "Which feathers the wind reaches less, because they lie within plumage; the last one that "
-        "fits holds. On a skin the others are sheltered by how they lie on it and on each other; "
+        "fits holds. The others are sheltered by how they lie on each other and on a skin; "
         "`share = 0` of all feathers switches that off.",
     ),
     "level_of_detail": Key(
