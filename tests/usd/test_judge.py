@@ -213,11 +213,11 @@ def test_a_rachis_whose_base_bends_a_little_to_either_side_is_no_pop(damaged):
     assert damaged("mesh", bend, kind=UsdGeom.BasisCurves)["pops"]["count"] == 0
 
 
-@pytest.mark.parametrize("factor", [0.5, 1.2])
+@pytest.mark.parametrize("factor", [0.0, 0.5, 1.2, 1e6])
 def test_velocities_are_held_against_the_motion(damaged, factor):
     report = damaged("one", lambda values, number: values * factor, "velocities")
     # fast points are off by more than the rms speed
-    assert report["velocity_mismatch"] > abs(factor - 1.0) / factor
+    assert report["velocity_mismatch"] > abs(factor - 1.0)
     assert [text for text in list_passed_bounds(report) if "velocities" in text]
 
 

@@ -44,6 +44,7 @@ _LIMITS = np.array([MAX_JUMP, MAX_ROOT_JUMP_RATIO, MAX_UNEXPLAINED_RATIO])
 _MIN_BEND_SINE = 1e-3  # of the angle between two segments of a rachis that gives axes
 _MIN_RING_SINE = 0.1  # of the angle between two points of a ring that gives axes
 _ROUNDING = float(np.finfo(np.float32).eps)
+_STILL = 1e-4  # m/s, rms speed of points that differ by little but rounding from frame to frame
 
 
 class Worst(NamedTuple):
@@ -270,11 +271,12 @@ class Judge:
         return found
 
     def _quantile(self, counts: Any) -> float | None:
-        """Return what 99 of 100 errors do not exceed, over the rms speed; None without any."""
-        if not self._squares:
-            return 0.0 if self._rates else None
+        """Return what 99 of 100 errors do not exceed, over the rms speed of the points; None
+        without any."""
+        if not self._rates:
+            return None
         place = int(np.searchsorted(np.cumsum(counts), 0.99 * counts.sum()))
-        rms = np.sqrt(self._squares / self._rates)
+        rms = max(np.sqrt(self._squares / self._rates), _STILL)
         return float(2.0 ** (MIN_EXPONENT + (place + 0.5) / BINS_PER_OCTAVE) / rms)
 
 

@@ -184,7 +184,7 @@ def _count(square, counts):
 
 @kernel
 def count_errors(before, after, rates, step, counts):
-    """Count errors of velocities by size; return the sum of squares of the velocities.
+    """Count errors of velocities by size; return the sum of squares of the speeds of the points.
 
     before, after: points at two samples each, the nearer first. rates: (V, 3). step: s. counts: of
     errors, and of what the two differences of points differ by.
@@ -198,7 +198,7 @@ def count_errors(before, after, rates, step, counts):
             rate = (8.0 * near - far) / (12.0 * step)
             error += (rates[v, c] - rate) ** 2
             wave += (rate - near / (2.0 * step)) ** 2
-            total += float(rates[v, c]) ** 2
+            total += rate**2
         _count(error, counts[0])
         _count(wave, counts[1])
     return total
