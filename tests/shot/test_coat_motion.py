@@ -428,3 +428,23 @@ def test_variation_without_room_is_reported_by_share(sheet_shot, tmp_path):
         "worst": whole["tip"]["worst"],
         "feather": whole["tip"]["feather"],
     }
+
+
+@pytest.mark.parametrize("level", ["guided", "rigid"])
+def test_shares_of_a_coat_lie_on_the_field_of_the_whole(sheet_shot, level):
+    def waved(points, k):
+        return points + np.outer(0.002 * k * np.sin(40.0 * points[:, 0]), (0.0, 0.0, 1.0))
+
+    more = (
+        "level = 'guided'\nevery = 4" if level == "guided" else "feathers='r_[0-7]*'\nlevel='full'"
+    )
+    shot = sheet_shot(waved, f"[[detail]]\n{more}\n[wind]\nbase = 'breeze'\n")
+    whole = list(simulate(shot))
+    moved = max(np.abs(pose.velocities.nodes).max() for pose in whole[-1].poses)
+    assert moved > 1e-3
+    for wanted in (range(0, 7), range(7, 8), range(8, 20)):
+        for frame, expected in zip(simulate(shot, wanted=wanted), whole, strict=True):
+            for number, pose in zip(wanted, frame.poses, strict=True):
+                for name, off in (("points", 1e-12), ("velocities", 1e-9), ("accelerations", 1e-6)):
+                    one, other = (getattr(of, name) for of in (pose, expected.poses[number]))
+                    np.testing.assert_allclose(one.nodes, other.nodes, rtol=0.0, atol=off)

@@ -59,7 +59,7 @@ def test_the_first_frame_has_the_motions_velocity(tmp_path, preroll):
 
 
 def test_a_skin_that_is_held_starts_and_stops_without_a_kick(tmp_path):
-    frames = (FIRST - 4, creature.LAST + 4)
+    frames = (FIRST - 4, creature.LAST + 6)
     _, velocities, _ = flight(tmp_path, skin='extrapolation = "hold"', frames=frames)
     speeds = np.linalg.norm(velocities, axis=2)
     assert speeds[0].max() < 1e-9

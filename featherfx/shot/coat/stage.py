@@ -18,7 +18,7 @@ from featherfx.shot.direction.channels import courses
 from featherfx.shot.direction.roots import OPEN
 from featherfx.shot.frames import FeatherPose, place
 from featherfx.shot.loop.groups import ALONE
-from featherfx.shot.loop.run import Stage
+from featherfx.shot.loop.run import ShotRun, Stage
 from featherfx.shot.motion.cuts import CutRoots
 from featherfx.shot.motion.limbs import limbs_of, moving_limbs
 from featherfx.shot.motion.motion import undirected_motion
@@ -42,16 +42,27 @@ class CoatStage(Stage):
     which is zero for rigid ones, is written on the leaf of each on the moving skin.
     """
 
-    def prepare(self) -> None:
-        """Find the feathers that keep a leaf."""
-        run, shot = self.run, self.run.shot
+    def __init__(self, run: ShotRun) -> None:
+        super().__init__(run)
+        shot = run.shot
         assert shot.skin is not None
         self._coat: MovingCoat | None = None
-        shown = np.union1d(run.wanted, run.solved)
-        self._members = shown[self._may_lie()[shown]]
-        surfaces = [each for each, _ in surfaces_under(shot.skin, self._members, shot.run_up)]
-        is_still = all(each.surface.sampled is None for each in surfaces) and not shot.channels
-        surfaces = [] if is_still else surfaces
+        every = np.flatnonzero(self._may_lie())
+        self._surfaces = [each for each, _ in surfaces_under(shot.skin, every, shot.run_up)]
+        if all(each.surface.sampled is None for each in self._surfaces) and not shot.channels:
+            self._surfaces = []
+        self._members = np.intersect1d(every, run.wanted)
+        if self._surfaces and len(self._members):
+            # all that bend make the field, whichever are wanted
+            run.lifted = self._find_lifted(every)
+            bent = np.setdiff1d(every, run.lifted)
+            run.pose_also(bent)
+            self._members = np.union1d(self._members, bent)
+
+    def prepare(self) -> None:
+        """Lay the feathers that keep a leaf on it."""
+        run, shot = self.run, self.run.shot
+        surfaces = self._surfaces if len(self._members) else []
         self._sound = [each for each in surfaces if each.surface.closed.any()]
         if not surfaces:
             return
@@ -59,7 +70,6 @@ class CoatStage(Stage):
         coat = shot.groom.coat.coat
         skin = CarriedPoints(coat.mesh.points, surfaces)
         above = self._find_above() if shot.channels else None
-        run.lifted = self._find_lifted()
         bent = np.flatnonzero(~np.isin(self._members, run.lifted))
         drawn = [run.drawn[f] for f in self._members]
         self._coat, self._bent = MovingCoat(coat, skin, own, drawn, bent, above), bent
@@ -71,14 +81,15 @@ class CoatStage(Stage):
             self._motion = CutRoots(whole, clock)
             self._warn_of_limits(self._coat)
 
-    def _find_lifted(self) -> Indices:
-        """Numbers of guided feathers all of whose guides are members: they take the coat's lift."""
+    def _find_lifted(self, every: Indices) -> Indices:
+        """Numbers of those guided feathers of a coat, by numbers, all of whose guides are of it:
+        they take the coat's lift."""
         guidance = self.run.guidance
         if guidance is None or courses(self.run.shot, ("follow",)):
             return self.run.lifted
-        others = ~np.isin(guidance.guides, self._members)
+        others = ~np.isin(guidance.guides, every)
         own = guidance.weights @ others.astype(float) == 0.0
-        return np.intersect1d(guidance.members[own], self._members)
+        return np.intersect1d(guidance.members[own], every)
 
     def _warn_of_limits(self, coat: MovingCoat) -> None:
         """Warn once of feathers whose channels ask for more than there is room for."""
@@ -88,13 +99,14 @@ class CoatStage(Stage):
             peak = np.abs(course.curve.values).max()
             wanted[course.channel.name] += peak * course.weights[self._members]
         length = np.array([each.kind.length for each in placements])
+        wished = np.isin(self._members, self.run.wanted)
         turn, ruffle = np.radians(wanted["turn"]), np.radians(wanted["ruffle"])
         rise = length * np.tan(np.minimum(ruffle, OPEN)) + wanted["puff"]
         for what, asked, got, (unit, per), rest in (
             ("roll", turn, coat.limit_rolls(turn), ("degrees", np.radians(1.0)), _ROLLED),
             ("rise", rise, coat.limit_tips(rise), ("mm", 1e-3), _RAISED),
         ):
-            less = np.flatnonzero(asked - got > _TOLD_RATIO * asked)
+            less = np.flatnonzero((asked - got > _TOLD_RATIO * asked) & wished)
             if len(less):
                 worst = less[(asked - got)[less].argmax()]
                 message = (

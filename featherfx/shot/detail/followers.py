@@ -42,21 +42,27 @@ class FollowerStage(Stage):
 
     def __init__(self, run: ShotRun) -> None:
         super().__init__(run)
-        rigid = np.intersect1d(run.options.at_level("rigid"), run.wanted)
-        self._rigid = {f: run.drawn[f] for f in rigid.tolist()}
-        guided = run.options.at_level("guided")
-        run.rigid, run.guided = len(rigid), int(np.isin(guided, run.wanted).sum())
-        if run.guided:
-            found = Guidance(guided, *guide_weights(run.shot, guided, run.options.leading))
-            run.guidance = found.without(np.setdiff1d(guided, run.wanted))
-        if run.guidance is not None:
-            run.solve_also(run.guidance.guides)
+        rigid, guided = (run.options.at_level(level) for level in ("rigid", "guided"))
+        run.rigid, run.guided = (int(np.isin(each, run.wanted).sum()) for each in (rigid, guided))
+        if len(guided):
+            weights = guide_weights(run.shot, guided, run.options.leading)
+            run.guidance = Guidance(guided, *weights)
+            run.pose_also(run.wanted)
+
+    @cached_property
+    def _rigid(self) -> dict[int, Feather]:
+        """Rigid feathers, by number."""
+        rigid = np.intersect1d(self.run.options.at_level("rigid"), self.run.posed)
+        return {f: self.run.drawn[f] for f in rigid.tolist()}
 
     @cached_property
     def _followed(self) -> tuple[Guidance, Followers] | None:
         """Guided feathers that follow points of their guides, not a coat's field."""
         found, run = self.run.guidance, self.run
-        if found is None or (found := found.without(run.lifted)) is None:
+        if found is not None:
+            unasked = np.setdiff1d(found.members, run.posed)
+            found = found.without(np.union1d(unasked, run.lifted))
+        if found is None:
             return None
         placements = run.shot.groom.feathers
         own, others = (

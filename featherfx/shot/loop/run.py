@@ -80,7 +80,8 @@ class ShotRun:
     the motion does not begin at rest, or `begin`. motion: of the roots, brought up from rest, with
     cuts. drawn: all feathers on the meshes' grid. wanted: numbers of those in the frames; solved:
     of those that are stepped if they are simulated. islands: (F,) contact group of each, or ALONE.
-    rigid, guided: number of wanted feathers that are not simulated. guidance: of the guided.
+    posed: of those whose poses are asked for, in the frames or by what these depend on. rigid,
+    guided: number of wanted feathers that are not simulated. guidance: of all that are guided.
     lifted: numbers of those that a coat draws by its fields alone. rates: how many of
     the two rates of points are drawn of feathers that are drawn anew; the others mean nothing.
     groups: batches; step_groups: the same, as they are stepped together.
@@ -103,7 +104,7 @@ class ShotRun:
         self.drawn = drawn_feathers(shot)
         every: Indices = np.arange(len(self.drawn))
         self.wanted: Indices = every if wanted is None else np.array(wanted, dtype=np.int64)
-        self.solved = self.wanted
+        self.solved = self.posed = self.wanted
         self.islands = np.full(len(self.drawn), ALONE)
         self.rigid = self.guided = 0
         self.guidance: Guidance | None = None
@@ -117,9 +118,15 @@ class ShotRun:
         """Simulation options of all feathers."""
         return resolve_options(self.shot, self.drawn, self.motion)
 
-    def solve_also(self, feathers: Indices) -> None:
-        """Solve some feathers, by number, whether they are wanted or not."""
+    def pose_also(self, feathers: Indices) -> None:
+        """Pose some feathers, by number, whether they are wanted or not: what is simulated of them
+        is solved, and the guides of what is guided."""
+        self.posed = np.union1d(self.posed, feathers)
         self.solved = np.union1d(self.solved, feathers)
+        if self.guidance is not None:
+            led = self.guidance.without(np.setdiff1d(self.guidance.members, feathers))
+            if led is not None:
+                self.solved = np.union1d(self.solved, led.guides)
 
     def time(self, index: int) -> float:
         """Time of a sample, s since the first frame."""
