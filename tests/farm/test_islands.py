@@ -118,7 +118,7 @@ def test_what_pushes_nothing_joins_no_islands_and_is_dealt_out(tmp_path):
 
 
 def test_thousands_of_feathers_at_one_place_are_refused(tmp_path):
-    """What compares each with those around would not end; without contact they are baked."""
+    """What compares each with those around would not end; without contact and shelter all are."""
     head = "id,x,y,z,direction_x,direction_y,direction_z,up_x,up_y,up_z\n"
     rows = [f"f{k},{k % 12},0,0,-1,0,0,0,0,1\n" for k in range(4000)]
     (tmp_path / "a.csv").write_text(head + "".join(rows))
@@ -130,6 +130,9 @@ def test_thousands_of_feathers_at_one_place_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"contact\.regions: 4000 feathers make at least 664668"):
         pipeline.plan(shot, tmp_path / "s.usdc", 2)
     shot.write_text(text)
+    with pytest.raises(InputError, match=r"groom: 4000 .* give all a share in \[\[shelter\]\]"):
+        featherfx.read_shot(shot)
+    shot.write_text(text + "[[shelter]]\nshare = 0\n")
     assert len(featherfx.read_shot(shot).groom.feathers) == 4000
     (tmp_path / "skin.usda").write_text(
         '#usda 1.0\n(\nmetersPerUnit = 1\nupAxis = "Z"\n)\ndef Mesh "skin"\n{\n'

@@ -43,6 +43,9 @@ frames = [1, 8]
 [wind]
 base = "breeze"
 speed = 6.0
+
+[[shelter]]                     # which would make each depend on those around
+share = 0
 """
 )
 OPTIONS = {"frames": (1, 5), "chunk": 2}
@@ -121,7 +124,7 @@ def test_a_preset_touches_the_feathers_of_its_kind(earlier, tmp_path):
         (
             '[[shelter]]\nregion = "hand"\nshare = 0.5\n',
             2,
-            ["shot.shelter[0].share: not set -> 0.5"],
+            ["shot.shelter[1].share: not set -> 0.5"],
         ),
         (
             '[overrides."upper_02"]\nlength = 0.2\n'

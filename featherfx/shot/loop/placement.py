@@ -14,7 +14,7 @@ from featherfx.groom.types import Groom, Placement
 from featherfx.limits import CROWD_PAIRS, MAX_NEIGHBOURS
 from featherfx.packages import load_name
 from featherfx.phases import phase
-from featherfx.shot.patterns import may_touch
+from featherfx.shot.patterns import last_fitting, may_touch
 from featherfx.shot.types import Shot
 
 # side of the cubes that roots are counted in, over the length of the shortest feathers there are
@@ -54,9 +54,10 @@ def place_feathers(shot: Shot) -> Shot:
             surfaces, colliders = move_body(replace(shot, groom=groom), surfaces)
             load_name("motion.body_in_collider:warn_of_passage")(shot, surfaces, colliders)
         skin = surfaces.bind(groom)
-    exposure = None
-    if skin is not None or len(groom.feathers) > 1:
-        _refuse_crowds(groom.feathers, str(shot.source), "groom", "since these shelter each other")
+    exposure, alone = None, skin is None and len(groom.feathers) == 1
+    if not alone and min(last_fitting(shot.shelters, groom.feathers), default=0) < 0:
+        instead = "or give all a share in [[shelter]], without which they shelter each other"
+        _refuse_crowds(groom.feathers, str(shot.source), "groom", instead)
         exposure = load_name("loads.shelter:lying_exposures")(groom.feathers, skin)
     return replace(
         shot, groom=groom, skin=skin, colliders=colliders, surfaces=None, exposure=exposure
