@@ -118,7 +118,7 @@ def test_what_pushes_nothing_joins_no_islands_and_is_dealt_out(tmp_path):
 
 
 def test_thousands_of_feathers_at_one_place_are_refused(tmp_path):
-    """What compares each with those around would not end; without contact and shelter all are."""
+    """What compares each with those around would not end; without that, they are read."""
     head = "id,x,y,z,direction_x,direction_y,direction_z,up_x,up_y,up_z\n"
     rows = [f"f{k},{k % 12},0,0,-1,0,0,0,0,1\n" for k in range(4000)]
     (tmp_path / "a.csv").write_text(head + "".join(rows))

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from places import ROOT
 
 import featherfx
 from featherfx.errors import InputError
 from featherfx.groom.looks import Pattern
+from featherfx.groom.presets.presets import load_preset
 
 WING = """name = "wing"
 [[wing]]
@@ -98,3 +100,12 @@ def test_faults_of_bands_are_told_once(tmp_path, old, new, message):
     with pytest.raises(InputError, match=message) as error:
         marks(tmp_path, text=WING.replace(old, new))
     assert len(error.value.problems) == 1
+
+
+OWN = sorted(path.stem for path in ROOT.glob("presets/wing/*.toml"))
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_no_other_bird_has_the_bars_of_a_pigeon(name):
+    _, wing = load_preset(f"wing/{name}")
+    assert bool(wing["bands"].value) == (name == "pigeon")
