@@ -81,13 +81,12 @@ class Aside:
     def find(self, file: Path) -> Arrays | None:
         """The arrays of an entry, to be written over as one likes; None where none is known."""
         found = self._asked.get(file.name) or self._before.get(file.name) or _load(file)
-        if found is not None:
-            self.keep(file, found)
-        return found
+        return None if found is None else self.keep(file, found)
 
-    def keep(self, file: Path, arrays: Arrays) -> None:
-        """Keep arrays as they are now."""
+    def keep(self, file: Path, arrays: Arrays) -> Arrays:
+        """Keep arrays as they are now, and return them."""
         self._asked[file.name] = {name: value.copy() for name, value in arrays.items()}
+        return arrays
 
 
 _aside: ContextVar[Aside | None] = ContextVar("aside", default=None)
@@ -103,11 +102,9 @@ def kept(what: str, inputs: Sequence[Any], compute: Callable[[], Mapping[str, An
     file = _file_of(what, inputs)
     if file is None:
         return _arrays(compute())
-    aside = _aside.get()
-    found = aside.find(file) if aside else _load(file)
-    if found is None and aside:
-        found = _arrays(compute())
-        aside.keep(file, found)
+    if aside := _aside.get():
+        return aside.find(file) or aside.keep(file, _arrays(compute()))
+    found = _load(file)
     if found is None:
         with _alone(file):
             # another process may have made it meanwhile

@@ -80,8 +80,7 @@ class Made(NamedTuple):
 
 
 class Live:
-    """Simulates a shot for a page, in threads of its own, as fast as it plays and no faster. One
-    sample is drawn while the next is simulated.
+    """Simulates a shot for a page, in threads of its own, as fast as it plays and no faster.
 
     tuned: presets of it that may be changed. A context manager that ends the threads. Raises
     InputError where the shot cannot be read.
@@ -106,7 +105,7 @@ class Live:
         self._samples = self._made.simulation.live_samples()
         self._frame = next(self._samples)()
         self.played = self._drawn(self._made, self._frame)
-        self._energy_at = 0.0
+        self._energy_at = -np.inf
         self._drawer = ThreadPoolExecutor(1)
         self._drawing: Future[None] | None = None
         self._show(self._made, lambda: self._frame, self._figures(0.0))
@@ -245,8 +244,8 @@ class Live:
                 raise InputError(Problem(str(source.shot), "feather", told))
             ids = {each.id for each in placements}
             wanted = [k for k, each in enumerate(shot.groom.feathers) if each.id in ids]
-            often = max(1, round(_SMOOTH / shot.frames_per_second))
-            often = often if len(placements) <= _FEW else 1
+            smooth = _SMOOTH if len(placements) <= _FEW else 0.0
+            often = max(1, round(smooth / shot.frames_per_second))
             frames = shot.first_frame, shot.last_frame
             if shot.skin is None and shot.wind_source is None and not shot.colliders:
                 frames = shot.first_frame, shot.first_frame + _ENDLESS
@@ -366,7 +365,7 @@ class Live:
         self._drawing = self._drawer.submit(self._show, self._made, draw, figures)
 
     def _await_drawing(self) -> None:
-        """Wait for the sample that is being drawn. Raises what drawing it raises."""
+        """Wait for the sample that is being drawn. Raises what drawing it raises, once."""
         drawing, self._drawing = self._drawing, None
         if drawing is not None:
             drawing.result()

@@ -120,15 +120,16 @@ def lengths(points: RowPoints) -> np.ndarray:
     )
 
 
-def test_second_rates_that_nobody_asks_for_are_nan_and_change_nothing_else():
+@pytest.mark.parametrize("rates", [0, 1])
+def test_rates_that_nobody_asks_for_are_nan_and_change_nothing_else(rates):
     _, _, coat = parts = plumage(bent)
     found, follow = drawn_at(parts, 0.5), coat.follow
-    coat.follow = lambda *given: follow(*given, rates=1)
+    coat.follow = lambda *given: follow(*given, rates=rates)
     without = drawn_at(parts, 0.5)
-    assert np.abs(found[2].nodes).max() > 0.0
-    for own, other in zip(found[:2], without[:2], strict=True):
+    assert np.abs(found[1].nodes).max() > 0.0 < np.abs(found[2].nodes).max()
+    for own, other in zip(found[: 1 + rates], without, strict=False):
         np.testing.assert_array_equal(own.nodes, other.nodes)
-    assert np.isnan(without[2].nodes).all()
+    assert all(np.isnan(each.nodes).all() for each in without[1 + rates :])
 
 
 def test_a_skin_at_rest_leaves_feathers_as_they_are():

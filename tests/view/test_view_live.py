@@ -364,7 +364,7 @@ def test_a_slider_of_the_page_changes_the_feather(live, tmp_path):
         (["quality/draft"], "is a quality preset. Give one of feather"),
         (["bird/pigeon"], "A bird needs a body, so give a shot"),
         (["missing.toml"], "there is no such file"),
-        ([str(SHOT), "--feather", "x*"], "0 feathers are not allowed. Give 1 to 200"),
+        ([str(SHOT), "--feather", "x*"], "0 feathers are not allowed. Give 1 to 5000"),
     ],
 )
 def test_what_cannot_be_tuned_is_told_in_a_line(words, told):
