@@ -93,7 +93,9 @@ def _build(kind: FeatherKind, rows: int, columns: int, tube_sides: int) -> Feath
         spans[side] = barb_span(rachis.station, vane.barb_length, rachis.first_vane_row)
         problems += [_problem(kind, f"{name}.guides", message) for message in vane.problems]
     require(*problems)
-    surface = build_surface(nodes, rachis, barb_length, cell, tube_sides, kind.may_part)
+    surface = build_surface(
+        nodes, rachis, barb_length, cell, tube_sides, kind.may_part, kind.rachis.above_vane
+    )
     feather = Feather(
         rest=RowPoints(nodes, np.stack([rachis.frame[..., 1], rachis.frame[..., 2]], axis=1)),
         station=rachis.station,

@@ -182,15 +182,17 @@ def build_surface(
     cell: Flags,
     tube_sides: int,
     splits: bool,
+    above_vane: float = 0.5,
 ) -> FeatherSurface:
     """Mesh of a feather that is not mirrored.
 
     nodes: (n, 1 + 2 m, 3) m. barb_length: (2, n) m. cell: (2, n - 1, m, 2).
     tube_sides: corners of the rachis tube's section, at least 3. splits: as in vane_surface.
+    above_vane: share of the tube's height that is dorsal of the vanes.
     """
     vane = vane_surface(nodes, rachis.station, barb_length, cell, splits)
     reach = max(float(barb_length.max()), 0.5 * float(rachis.width.max()))
-    tube = _tube(nodes[:, 0], rachis, reach, tube_sides)
+    tube = _tube(nodes[:, 0], rachis, reach, tube_sides, above_vane)
     tube = replace(tube, triangles=tube.triangles + len(vane.row))
     both = ((getattr(vane, each.name), getattr(tube, each.name)) for each in fields(FeatherSurface))
     return FeatherSurface(*map(np.concatenate, both))
@@ -266,7 +268,9 @@ def _side_triangles(
     return corners[cell], edges[cell]
 
 
-def _tube(axis: Array, rachis: Rachis, reach: float, sides: int) -> FeatherSurface:
+def _tube(
+    axis: Array, rachis: Rachis, reach: float, sides: int, above_vane: float
+) -> FeatherSurface:
     """A closed tube: a ring a row and a centre point at either end.
 
     axis: (n, 3) m, rachis nodes.
@@ -276,7 +280,7 @@ def _tube(axis: Array, rachis: Rachis, reach: float, sides: int) -> FeatherSurfa
     rows = len(rachis.station)
     angle = 2.0 * np.pi * np.arange(sides) / sides
     lateral = 0.5 * np.outer(rachis.width, np.cos(angle)).ravel()
-    vertical = 0.5 * np.outer(rachis.height, np.sin(angle)).ravel()
+    vertical = np.outer(rachis.height, 0.5 * np.sin(angle) + above_vane - 0.5).ravel()
     row = np.concatenate((np.repeat(np.arange(rows), sides), [0, rows - 1]))
     offset = np.zeros((len(row), 2))
     offset[:-2, 0], offset[:-2, 1] = lateral, vertical

@@ -64,6 +64,11 @@ class RachisShape:
         PROFILE_POINTS,
         f"Factors of the diameter along the shaft's length: {PROFILE_MEANING}",
     ] = ()
+    above_vane: Annotated[
+        float,
+        Number(0, 1),
+        "Share of its height that is drawn dorsal of the vane; 0: barbs leave its upper edge.",
+    ] = 0.5
 
 
 # of [rachis]: its fields, and a line that stands for some of them

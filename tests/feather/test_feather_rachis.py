@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from featherfx.feather.build import build_feather
 from featherfx.feather.profiles import build_rachis, row_stations
+from featherfx.feather.types import RACHIS_PART
 from featherfx.groom.course import turn, turned
 
 
@@ -123,3 +124,24 @@ def test_the_section_tapers_and_is_flattened():
     share = rachis.station / 0.35
     np.testing.assert_allclose(rachis.width, 0.0008 + 0.0052 * (1.0 - share) ** 2)
     np.testing.assert_allclose(rachis.height, 0.9 * rachis.width)
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("share", [0.0, 0.12, 0.5, 1.0])
+def test_a_rachis_stands_out_of_the_vane_by_its_share(share, mirrored):
+    kind = SWAN_PRIMARY
+    kind = replace(kind, rachis=replace(kind.rachis, above_vane=share))
+    feather = build_feather(kind, 21, 4, mirrored)
+    surface = feather.surface
+    tube = np.zeros(len(surface.row), dtype=bool)
+    tube[surface.triangles[surface.part == RACHIS_PART]] = True
+    vane = np.zeros(len(surface.row), dtype=bool)
+    vane[surface.triangles[surface.part != RACHIS_PART]] = True
+    assert not surface.offset[vane].any()
+    heights = surface.offset[tube, 1]
+    rows = surface.row[tube]
+    for row, height in enumerate(feather.height):
+        own = heights[rows == row]
+        # corners of a hexagon are at 0.866 of its radius
+        middle, half = height * (share - 0.5), 0.5 * height * np.sin(np.radians(60.0))
+        assert own.max() == pytest.approx(max(middle + half, 0.0 if row in (0, 20) else -1.0))

@@ -7,7 +7,7 @@ import pytest
 from places import ROOT
 
 import featherfx
-from featherfx.errors import InputError
+from featherfx.errors import InputError, InputWarning
 from featherfx.groom.looks import Pattern
 from featherfx.groom.presets.presets import load_preset
 
@@ -100,6 +100,19 @@ def test_faults_of_bands_are_told_once(tmp_path, old, new, message):
     with pytest.raises(InputError, match=message) as error:
         marks(tmp_path, text=WING.replace(old, new))
     assert len(error.value.problems) == 1
+
+
+def test_feathers_that_a_band_runs_along_are_told_once(tmp_path):
+    """From the root of the innermost tertial to the tip of the same feather: along it."""
+    text = WING.replace('["tertials", "secondaries"]', '["tertials"]')
+    text = text.replace("[wing.type]", "[wing.type]\ntertials = { count = 1 }")
+    text = text.replace("inner = [0.5, 0.8]", "inner = [0.2, 0.3]")
+    text = text.replace("outer = [0.6, 0.75]", "outer = [0.8, 0.9]")
+    told = r"bands\[0\]: leans by more than 75 degrees on 1 feather .*, as on 'tertial_01', by 90"
+    with pytest.warns(InputWarning, match=told) as caught:
+        assert not marks(tmp_path, text=text)
+    # both wings are one table
+    assert len([each for each in caught if "bands" in str(each.message)]) == 1
 
 
 OWN = sorted(path.stem for path in ROOT.glob("presets/wing/*.toml"))

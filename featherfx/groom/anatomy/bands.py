@@ -20,7 +20,8 @@ from featherfx.algebra.types import Array
 from featherfx.groom.keys.anatomy import WingBand
 from featherfx.groom.looks import Pattern
 
-_MAX_SLANT = 75.0  # deg
+MAX_SLANT = 75.0  # deg
+_BESIDE = 0.2  # of its length, from its rachis to a line along it that is on its vane
 _ROUNDED = 3  # digits, so that both wings share their kinds
 _MIN_SHARE = 2e-3  # of a feather's vane, of a band that counts
 
@@ -35,8 +36,9 @@ class FoldedRow(NamedTuple):
     calamus: float
 
 
-def marks_of(band: WingBand, rows: Sequence[FoldedRow]) -> list[list[Pattern | None]]:
-    """The mark of each feather of each row; None where the band passes it by."""
+def marks_of(band: WingBand, rows: Sequence[FoldedRow]) -> list[list[Pattern | float | None]]:
+    """The mark of each feather of each row; None where the band passes it by, and deg by which it
+    leans where that is too much for a mark."""
     ends = np.array([_vane(rows[0], 0, band.inner), _vane(rows[-1], -1, band.outer)])
     inner, lines = ends[0], ends[1] - ends[0]
     return [[_mark(band, row, k, inner, lines) for k in range(len(row.roots))] for row in rows]
@@ -48,7 +50,9 @@ def _vane(row: FoldedRow, k: int, shares: tuple[float, float]) -> Array:
     return np.asarray(row.roots[k] + row.lengths[k] * along[:, None] * row.ways[k])
 
 
-def _mark(band: WingBand, row: FoldedRow, k: int, inner: Array, lines: Array) -> Pattern | None:
+def _mark(
+    band: WingBand, row: FoldedRow, k: int, inner: Array, lines: Array
+) -> Pattern | float | None:
     way, line = row.ways[k], lines.mean(axis=0)
     beside = np.array([-way[1], way[0]])
     beside *= np.sign(beside @ line) or 1.0
@@ -56,13 +60,16 @@ def _mark(band: WingBand, row: FoldedRow, k: int, inner: Array, lines: Array) ->
     for start, edge in zip(inner, lines, strict=True):
         across = np.array([-edge[1], edge[0]])
         if abs(way @ across) < 1e-9 * np.linalg.norm(edge):
-            return None  # along the feather
+            away = abs((start - row.roots[k]) @ beside)
+            return 90.0 if away < _BESIDE * row.lengths[k] else None  # along the feather
         along = ((start - row.roots[k]) @ across) / (way @ across) / row.lengths[k]
         places.append((along - row.calamus) / (1.0 - row.calamus))
     low, high = (round(float(each), _ROUNDED) for each in np.clip(np.sort(places), 0.0, 1.0))
     slant = float(np.degrees(np.arctan2(line @ way, line @ beside)))
-    if high - low < _MIN_SHARE or abs(slant) > _MAX_SLANT:
+    if high - low < _MIN_SHARE:
         return None
+    if abs(slant) > MAX_SLANT:
+        return abs(slant)
     return Pattern(
         kind="bars", colour=band.colour, start=low, end=high, count=1, size=1.0,
         soft=band.soft, slant=round(slant, 1),

@@ -81,7 +81,7 @@ def lie_on(
     below: m, that coverts below its flight feathers take up.
     """
     fit = _Fit(kind, shoulder, scale, body, below)
-    inputs = [kind, shoulder, scale, body.corners, body.axes, body.middle, below]
+    inputs = [replace(kind, bands=()), shoulder, scale, body.corners, body.axes, body.middle, below]
     found = kept("lie", inputs, lambda: {"values": _best(fit)})
     return fit.placed(found["values"])[:2]
 

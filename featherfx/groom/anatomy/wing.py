@@ -9,6 +9,7 @@ curved alike, farther up its shaft and farther from the bone. Inner feathers lie
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -19,8 +20,8 @@ import numpy as np
 from featherfx.algebra.rotation import from_rotation_vector, motions
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import unit
-from featherfx.errors import all_of
-from featherfx.groom.anatomy.bands import FoldedRow, marks_of
+from featherfx.errors import InputWarning, all_of, count_feathers
+from featherfx.groom.anatomy.bands import MAX_SLANT, FoldedRow, marks_of
 from featherfx.groom.anatomy.bow import Bow, wrapped
 from featherfx.groom.anatomy.pose import WingBones, as_placed, folded
 from featherfx.groom.anatomy.remiges import (
@@ -37,6 +38,7 @@ from featherfx.groom.anatomy.remiges import (
 from featherfx.groom.frames import bow_fraction
 from featherfx.groom.keys.anatomy import CovertRow, FlightRow, WingBand, WingType
 from featherfx.groom.keys.problems import Place, Problems
+from featherfx.groom.looks import Pattern
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.read.drafts import Draft
@@ -136,12 +138,29 @@ def _marks(
             ways = unit(frames[:, :, 0] @ plane)
             calamus = wing.store.kind(_choice(wing, row.kind)).calamus
             flat.append(FoldedRow(roots @ plane, ways, row.lengths, calamus))
+        steep: list[tuple[float, str]] = []
         for row, marks in zip(own, marks_of(band, flat) if flat else [], strict=True):
             for k, mark in enumerate(marks):
-                if mark is not None:
+                if isinstance(mark, Pattern):
                     key = row.region, k
                     found[key] = (*found.get(key, ()), wing.store.mark(mark, place))
+                elif mark is not None:
+                    steep.append((mark, f"{row.name}_{row.numbers[k]:02d}"))
+        if steep:
+            _warn_of_steep_band(wing.type_place.child(f"bands[{number}]"), steep)
     return found
+
+
+def _warn_of_steep_band(place: Place, steep: Sequence[tuple[float, str]]) -> None:
+    """Warn of feathers without a band that runs along them. steep: deg and name of each."""
+    lean, name = max(steep)
+    warnings.warn(
+        f"{place.source}: {place.key}: leans by more than {MAX_SLANT:g} degrees on "
+        f"{count_feathers(len(steep))} and is left out there, as on '{name}', by {lean:.0f}. Bring "
+        "`inner` nearer to the place of `outer` along the wing",
+        InputWarning,
+        stacklevel=2,
+    )
 
 
 def wing_type(given: Any, place: Place, library: Library) -> WingType:
