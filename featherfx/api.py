@@ -196,6 +196,7 @@ def scene_readers(note: Callable[[Path], object] = lambda path: None) -> SceneRe
         ),
         meshes=reader("scenes", "open_meshes", itself),
         wind=reader("scenes", "open_wind", itself),
+        attribute=reader("scenes", "open_attribute", itself),
         camera=reader("scenes", "open_camera", itself),
         poses=reader("scenes", "read_poses", itself),
         instances=reader("instances", "read_instances", itself),

@@ -141,6 +141,7 @@ MOTION_SOURCES = {
     "flap": "motion.flap:flapping",
     "fold": "motion.flap:folded",
     "keys": "motion.keys:keyed",
+    "curve": "motion.curves:followed",
     "act": "motion.act:acted",
 }
 

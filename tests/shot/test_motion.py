@@ -272,6 +272,27 @@ def test_keys_are_met_and_held_outside():
     np.testing.assert_allclose(motion.frames(2.2)[0], motion.frames(9.0)[0], atol=1e-12)
 
 
+@pytest.mark.parametrize("turn", [[90.0, 0.0, 0.0], [0.5**0.5, 0.5**0.5, 0.0, 0.0]])
+def test_keys_go_on_at_the_rate_of_the_step_beside(turn):
+    """What ends flat is held; turns go on about their axis."""
+    still = [0.0] * 3 if len(turn) == 3 else [1.0, 0.0, 0.0, 0.0]
+    keys = [
+        {"time": 0.0, "position": [0.0, 0.0, 0.0], "rotation": still},
+        {"time": 0.5, "position": [0.1, -0.2, 0.0], "rotation": turn},
+    ]
+    rest = motion_of("hold", {}).frames(0.0)
+    for flat, time in ((None, 1.25), (None, -0.75), (1, 1.25), (0, -0.75), (1, -0.75)):
+        given = [each | {"tangents": "flat"} if k == flat else each for k, each in enumerate(keys)]
+        motion = motion_of("keys", {"keyframes": given, "extrapolation": "linear"})
+        held = flat == (time > 0.0)
+        steps = float(time > 0.0) if held else time / 0.5
+        about = Rotation.from_rotvec([steps * 0.5 * np.pi, 0.0, 0.0]).as_matrix()
+        positions, rotations = motion.frames(time)
+        np.testing.assert_allclose(rotations, about @ rest[1], atol=1e-12)
+        there = rest[0] @ about.T + steps * np.array([0.1, -0.2, 0.0])
+        np.testing.assert_allclose(positions, there, atol=1e-12)
+
+
 def test_keys_are_smooth_rotations_at_every_time():
     motion = motion_of("keys", {"keyframes": KEYS})
     assert is_rotation(sampled(motion, np.linspace(0.0, 3.0, 101))[1])

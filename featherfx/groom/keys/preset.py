@@ -307,6 +307,7 @@ _RAMP_PERIODS = Key(
     Number(0.01, 1000), "Periods within which it rises from rest to its amplitude.", 1.0
 )
 
+_AXES = tuple(f"{what}_{axis}" for what in ("position", "rotation") for axis in "xyz")
 _MOTION: dict[str, Key] = {}
 _KINDS: dict[str, dict[str, Key]] = {}
 _PRESET = Preset("motion", _MOTION, _KINDS)  # its keys follow: a motion may be made of motions
@@ -381,7 +382,34 @@ MOTION_KEYS: dict[str, dict[str, Key]] = {
         "keyframes": Key(
             ArrayOf(Table(KEYFRAME_KEYS, "table of a keyframe"), 1, 100_000),
             "Keyframes; curves between them stay within the range of the two.",
-        )
+        ),
+        "extrapolation": Key(
+            Text(("hold", "linear")),
+            "Beyond the first and last keyframe: hold, they hold; linear, curves go on.",
+            "hold",
+        ),
+    },
+    "curve": {
+        "usd": Key(Text(), "USD file, as seen from the shot file's folder."),
+        "prim": Key(Text(), "Path of the prim with the attribute."),
+        "attribute": Key(
+            Text(),
+            "Attribute of 1 number, 3, or a quaternion, as time samples or a spline. The shot's "
+            "first frame is the time code of its number.",
+        ),
+        "sets": Key(
+            Text(("position", "rotation", *_AXES)),
+            "What it sets, about and along the stage's axes: 3 numbers or a quaternion, or of 1 "
+            "number an axis; in the stage's unit, or degrees.",
+        ),
+        "joint": KEYFRAME_KEYS["joint"],
+        "order": KEYFRAME_KEYS["order"],
+        "time": Key(
+            Text(("codes", "seconds")),
+            "What a frame is where the stage's time codes per second are not frames_per_second: "
+            "codes, frame N is time code N; seconds, as USD composes layers of other rates.",
+            None,
+        ),
     },
     "swing": {
         "joints": Key(

@@ -259,7 +259,7 @@ def _without_beats(motion: Motion) -> Motion:
     if motion.kind == "act":
         parts = tuple(map(_without_beats, motion.values["motions"]))
         return replace(motion, values=motion.values | {"motions": parts})
-    return motion if motion.kind in ("keys", "skin") else Motion("hold", {})
+    return motion if motion.kind in ("keys", "curve", "skin") else Motion("hold", {})
 
 
 def _collider_tracks(shot: Shot) -> list[CutTrack]:

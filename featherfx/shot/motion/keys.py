@@ -9,7 +9,8 @@ u the fraction of the interval h, s the step, r0 and r1 the rates at its ends. R
 unless a key's `tangents` says otherwise: 0 where steps change sign and where a curve begins or
 ends, else the weighted harmonic mean of the rates beside the key. So no curve leaves the range of
 the keys beside it, and a hold holds. Angles count turns: 720 degrees are two. Rotations by
-quaternion take the shortest way, by the same rule for rotation vectors.
+quaternion take the shortest way, by the same rule for rotation vectors. With extrapolation
+"linear" a curve goes on beyond its keys at the rate of the step beside.
 
 Source: Fritsch and Butland, A method for constructing local monotone piecewise cubic interpolants,
 SIAM J. Sci. Stat. Comput. 5 (1984).
@@ -27,6 +28,7 @@ import numpy as np
 
 from featherfx.algebra.rotation import (
     from_angles,
+    from_rotation_vector,
     quats_to_frames,
     rotation_spline,
     rotation_steps,
@@ -61,7 +63,8 @@ def keyed(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
         keys = _keys(motion, name)
         for which, what in enumerate(_TRACKS):
             if keys[what]:
-                tracks.append((which, joint, _in_pieces(keys[what], what, cuts)))
+                goes_on = motion.values.get("extrapolation") == "linear"
+                tracks.append((which, joint, _in_pieces(keys[what], what, cuts, goes_on)))
 
     def poses(time: float) -> JointPoses:
         found = still_poses(len(skeleton.names))
@@ -125,14 +128,14 @@ def _cuts(keys: Keyframes, what: str, frame: float, far: float) -> list[float]:
     return times[:-1][cut].tolist()
 
 
-def _in_pieces(keys: Keyframes, what: str, cuts: Sequence[float]) -> Track:
-    """A track through keyframes that is cut right after some times (s)."""
+def _in_pieces(keys: Keyframes, what: str, cuts: Sequence[float], goes_on: bool) -> Track:
+    """A track through keyframes that is cut right after some times (s), and goes on beyond them."""
     ends = [0, *np.searchsorted(_times(keys), cuts).tolist(), len(keys)]
     pieces = {
         low: _TRACKS[what](
             keys[low:high],
-            _rates(keys[low:high], what, low > 0, high < len(keys)),
-            low > 0,
+            _rates(keys[low:high], what, low > 0 or goes_on, high < len(keys) or goes_on),
+            (low > 0 or goes_on, high == len(keys) and goes_on),
         )
         for low, high in pairwise(ends)
         if high > low
@@ -208,35 +211,52 @@ def _frame(rotation: Sequence[float], order: str) -> Array:
     return from_angles(rotation, order)
 
 
-def _curve(times: Array, values: Array, rates: Array, cut_before: bool) -> Track:
-    """(3,) at a time through values (K, 3), at rest before the first, unless a cut is there, and
-    after the last."""
+def _beyond(
+    times: Array, rates: Array, goes_on: tuple[bool, bool], time: float
+) -> tuple[float, Array]:
+    """The nearest time from the first key to the last, and what the rate there adds, (3,), until
+    another. goes_on: before and after them."""
+    inside = min(max(time, times[0]), times[-1])
+    end = 0 if time < inside else -1
+    if time == inside or not goes_on[end] or not len(rates) or np.isnan(rates[end, end, 0]):
+        return inside, np.zeros(3)
+    return inside, (time - inside) * rates[end, end]
+
+
+def _curve(times: Array, values: Array, rates: Array, goes_on: tuple[bool, bool]) -> Track:
+    """(3,) at a time through values (K, 3), at rest beyond them unless it goes on."""
 
     def value(time: float) -> Array:
-        key = int(np.searchsorted(times, time, side="right")) - 1
-        if key < 0 and cut_before and len(rates) and not np.isnan(rates[0, 0, 0]):
-            return np.asarray(values[0] + (time - times[0]) * rates[0, 0])
-        if key < 0 or key >= len(rates) or np.isnan(rates[key, 0, 0]):
-            return np.asarray(values[min(max(key, 0), len(values) - 1)])
+        inside, way = _beyond(times, rates, goes_on, time)
+        key = int(np.searchsorted(times, inside, side="right")) - 1
+        if key == len(rates) or np.isnan(rates[key, 0, 0]):
+            return np.asarray(values[key] + way)
         interval = times[key + 1] - times[key]
-        u = (time - times[key]) / interval
+        u = (inside - times[key]) / interval
         rise = u * u * (3.0 - 2.0 * u) * (values[key + 1] - values[key])
         begin, end = u * (1.0 - u) ** 2 * rates[key, 0], u * u * (u - 1.0) * rates[key, 1]
-        return np.asarray(values[key] + rise + interval * (begin + end))
+        return np.asarray(values[key] + rise + interval * (begin + end) + way)
 
     return value
 
 
-def _position_track(keys: Keyframes, rates: Array, cut_before: bool) -> Track:
+def _position_track(keys: Keyframes, rates: Array, goes_on: tuple[bool, bool]) -> Track:
     places = np.array([key["position"] for key in keys], dtype=float)
-    return _curve(_times(keys), places, rates, cut_before)
+    return _curve(_times(keys), places, rates, goes_on)
 
 
-def _rotation_track(keys: Keyframes, rates: Array, cut_before: bool) -> Track:
+def _rotation_track(keys: Keyframes, rates: Array, goes_on: tuple[bool, bool]) -> Track:
+    times = _times(keys)
     if not _are_angles(keys):
-        return rotation_spline(_times(keys), _frames(keys), rates)
+        turns = rotation_spline(times, _frames(keys), rates)
+
+        def turned(time: float) -> Array:
+            inside, way = _beyond(times, rates, goes_on, time)
+            return np.asarray(from_rotation_vector(way) @ turns(inside))
+
+        return turned
     degrees = np.array([key["rotation"] for key in keys], dtype=np.float64)
-    curve = _curve(_times(keys), degrees, np.degrees(rates), cut_before)
+    curve = _curve(times, degrees, np.degrees(rates), goes_on)
     order = keys[0].get("order", "xyz")
     return lambda time: from_angles(curve(time), order)
 

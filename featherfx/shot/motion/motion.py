@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from featherfx.algebra.interpolation import eased
@@ -63,8 +65,13 @@ def undirected_motion(shot: Shot) -> Roots:
 
 def joint_poses(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
     """Poses of the joints of a shot's groom under a motion, in the time of its clock."""
-    poses: PosesOverTime = load_name(MOTION_SOURCES[motion.kind])(motion, shot, skeleton)
-    return poses if motion.clock == UNSCALED_CLOCK else _clocked_poses(poses, motion.clock)
+    clock, source = motion.clock, load_name(MOTION_SOURCES[motion.kind])
+    if clock == UNSCALED_CLOCK:
+        poses: PosesOverTime = source(motion, shot, skeleton)
+        return poses
+    # what falls does so in its own ways and time, which the clock takes to the shot's
+    own = replace(shot, gravity=shot.gravity / (clock.size * clock.tempo**2))
+    return _clocked_poses(source(motion, own, skeleton), clock)
 
 
 def _clocked_poses(poses: PosesOverTime, clock: Clock) -> PosesOverTime:

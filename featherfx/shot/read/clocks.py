@@ -26,6 +26,21 @@ DEFAULT_RATE = 24.0  # 1/s, where neither shot nor stage gives one
 _RATE_TOLERANCE = 2.5e-4
 
 
+def _differ(source: OfScene, rate: float) -> bool:
+    own = source.time_codes_per_second
+    return abs(own - rate) > _RATE_TOLERANCE * rate and source.sampled is not None
+
+
+def check_rate(source: OfScene, rate: float, at: Place) -> None:
+    """Problems where the rates of shot and stage differ."""
+    if _differ(source, rate) and source.has_rate:
+        at.fail(
+            f"{source.path} has {source.time_codes_per_second:g} time codes a second, the shot "
+            f'{rate:g} frames_per_second. Give it as many, or time = "codes", frame N is time '
+            'code N, or time = "seconds", as USD composes layers of other rates'
+        )
+
+
 @dataclass
 class ClockReader:
     """Clocks of the stages of a shot, made in the order in which it reads them.
@@ -44,13 +59,9 @@ class ClockReader:
         rates of shot and stage differ and nothing says what a frame is."""
         own = source.time_codes_per_second
         rate = self._rate(own, at)
-        differ = abs(own - rate) > _RATE_TOLERANCE * rate and source.sampled is not None
-        if differ and entry["time"] is None and source.has_rate:
-            at.fail(
-                f"{source.path} has {own:g} time codes a second, frames_per_second = {rate:g} "
-                'differs. Leave frames_per_second out, or give time = "codes", frame N is time '
-                'code N, or time = "seconds", as USD composes layers of other rates'
-            )
+        differ = _differ(source, rate)
+        if entry["time"] is None:
+            check_rate(source, rate, at)
         step = own / rate if differ and entry["time"] == "seconds" else 1.0
         if self.written_rate is None:
             self.written_rate = own / step if source.sampled is not None else rate

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 from functools import partial
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,9 +18,11 @@ from featherfx.groom.keys.preset import MOTION_KEYS, SOURCE_KEYS, Clock
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import Either, Number, ValueType
 from featherfx.groom.presets.library import Library, plain, sourced
+from featherfx.groom.read.readers import SceneReaders
 from featherfx.groom.types import Groom
 from featherfx.packages import load_name
 from featherfx.shot.motion.body_joints import BODY_JOINTS
+from featherfx.shot.read.clocks import check_rate
 from featherfx.shot.sources import MovingSurface
 from featherfx.shot.types import Motion
 
@@ -28,11 +31,18 @@ _DEEPEST = 4
 
 
 def read_motion(
-    raw: Any, given: Any, place: Place, library: Library, groom: Groom | None, depth: int = 0
+    raw: Any,
+    given: Any,
+    place: Place,
+    library: Library,
+    groom: Groom | None,
+    readers: SceneReaders | None = None,
+    depth: int = 0,
 ) -> Motion:
     """The motion that a checked key or part describes. Raises InputError.
 
-    raw: as the file has it, so that messages name the key where a base was written.
+    raw: as the file has it, so that messages name the key where a base was written. readers: of
+    USD scenes.
     """
     table = {"base": given} if isinstance(given, str) else given
     named = not isinstance(raw, dict)
@@ -47,17 +57,33 @@ def read_motion(
     if kind == "act":
         at = Place(tree["motions"].source, place.child("motions").key, problems)
         with problems.collecting():
-            values["motions"] = _parts(values["motions"], at, library, groom, depth)
+            values["motions"] = _parts(values["motions"], at, library, groom, readers, depth)
     elif kind == "fold":
         _check_later(place.child("folds"), [key["time"] for key in values["folds"]], "time")
     elif kind == "flap":
         _check_flap(values, place)
     elif kind == "keys":
         _check_keyframes(values["keyframes"], groom, place.child("keyframes"))
+    elif kind == "curve":
+        _check_joint(values["joint"], groom, place)
+        if readers is None:
+            place.refuse("is a USD scene, which featherfx.read_shot and the commands read")
+        values["source"] = readers.attribute(
+            readers.file(Path(place.source).parent, values["usd"]), values, place
+        )
     problems.hand_on()
     if groom is not None and clock.fit != "none":
         clock = load_name("motion.fit:fitted")(clock, groom)
     return Motion(kind, values, clock)
+
+
+def check_rates(motion: Motion, rate: float, place: Place) -> None:
+    """Problems where a curve's stage has other time codes a second than the shot has frames, and
+    nothing says what a frame is. rate: 1/s, frames."""
+    for part in motion.values.get("motions", ()):
+        check_rates(part, rate, place)
+    if motion.kind == "curve" and motion.values["time"] is None:
+        check_rate(motion.values["source"], rate, place)
 
 
 def warn_of_aliases(motion: Motion, rate: float, source: str, tempo: float = 1.0) -> None:
@@ -145,12 +171,13 @@ def _parts(
     place: Place,
     library: Library,
     groom: Groom | None,
+    readers: SceneReaders | None,
     depth: int,
 ) -> tuple[Motion, ...]:
     if depth == _DEEPEST:
         place.refuse(f"acts stand in acts more than {_DEEPEST} deep. Is one a part of itself?")
     read = (
-        partial(read_motion, part, part, place.item(index), library, groom, depth + 1)
+        partial(read_motion, part, part, place.item(index), library, groom, readers, depth + 1)
         for index, part in enumerate(parts)
     )
     return tuple(all_of(*read))
@@ -191,19 +218,23 @@ def _check_later(place: Place, times: list[float], name: str = "", unit: str = "
             at.fail(f"{after:g}{unit} is not after {before:g}{unit}, the one before")
 
 
+def _check_joint(joint: str, groom: Groom | None, place: Place) -> None:
+    joints = {each.name for each in groom.joints} if groom is not None else set()
+    if groom is not None and joint and joint not in joints | BODY_JOINTS.keys():
+        place.child("joint").unknown(f"no joint '{joint}' in the groom", joint, joints)
+
+
 def _check_keyframes(
     keyframes: tuple[dict[str, Any], ...], groom: Groom | None, place: Place
 ) -> None:
     """Joints exist, times of one joint ascend, rates and orders are clear."""
-    joints = {joint.name for joint in groom.joints} if groom is not None else set()
     latest: dict[tuple[str, str], float] = {}
     orders: dict[str, str] = {}
     by_quaternion = {each["joint"] for each in keyframes if len(each["rotation"] or ()) == 4}
     for index, frame in enumerate(keyframes):
         at = place.item(index)
         joint, time = frame["joint"], frame["time"]
-        if groom is not None and joint and joint not in joints | BODY_JOINTS.keys():
-            at.child("joint").unknown(f"no joint '{joint}' in the groom", joint, joints)
+        _check_joint(joint, groom, at)
         for what in ("position", "rotation"):
             if frame[what] is None:
                 continue

@@ -26,7 +26,13 @@ from featherfx.shot.motion.body_joints import with_body_joints
 from featherfx.shot.patterns import fits
 from featherfx.shot.read.clocks import DEFAULT_RATE, ClockReader
 from featherfx.shot.read.keys import SHOT_FILE
-from featherfx.shot.read.motion import check_driven, read_motion, warn_of_aliases, warn_of_length
+from featherfx.shot.read.motion import (
+    check_driven,
+    check_rates,
+    read_motion,
+    warn_of_aliases,
+    warn_of_length,
+)
 from featherfx.shot.types import (
     CHANNELS,
     Channel,
@@ -119,7 +125,8 @@ def _collect(
         quality = read_preset("quality", raw, parts, place, library)
     if (given := parts["motion"]) is not INVALID:
         with problems.collecting():
-            motion = read_motion(raw.get("motion"), given, place.child("motion"), library, groom)
+            at = place.child("motion")
+            motion = read_motion(raw.get("motion"), given, at, library, groom, readers)
     loads = _loads(parts, groom)
     _check_frames(parts["frames"], place.child("frames"))
     _check_cuts(parts, place.child("cuts"))
@@ -144,6 +151,8 @@ def _collect(
 
         loads["channels"] = with_maps(loads["channels"], groom, parts, place, readers)
         loads["targets"] = with_shapes(loads["targets"], place, readers)
+    if motion is not None:
+        check_rates(motion, scenes["frames_per_second"], place.child("motion"))
     if len(problems) or motion is None:
         return None
     first, last = parts["frames"]

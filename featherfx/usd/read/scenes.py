@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -218,27 +219,73 @@ def open_wind(path: Path, entry: dict[str, Any], place: Place) -> UniformWind | 
 
 
 def _open_uniform_wind(scene: SourceScene, prim: Any, name: str, at: Place) -> UniformWind:
+    return UniformWind(scene, prim, _find_numbers(prim, name, (3,), at))
+
+
+def _find_numbers(prim: Any, name: str, counts: Sequence[int], at: Place) -> Any:
+    """Return the attribute of a prim that holds finite numbers at all times, of one of counts."""
+    what = {1: "a number", 3: "one vector", 4: "a quaternion"}
+    told = " or ".join(what[each] for each in counts)
+
+    def fits(attribute: Any, code: Any) -> bool:
+        found = _numbers(read_value(attribute, code))
+        return found is not None and len(found) in counts and bool(np.isfinite(found).all())
+
     if not Sdf.Path.IsValidNamespacedIdentifier(name) or not prim.GetAttribute(name):
         authored = prim.GetAuthoredAttributes()
-        vectors = [
-            each.GetName() for each in authored if _is_vector(read_value(each, EARLIEST_TIME))
-        ]
-        known = ", ".join(vectors) or "none"
-        at.refuse(f"no attribute '{name}' on {prim.GetPath()}. Attributes of one vector: {known}")
+        known = ", ".join(each.GetName() for each in authored if fits(each, EARLIEST_TIME))
+        at.refuse(
+            f"no attribute '{name}' on {prim.GetPath()}. Attributes of {told}: {known or 'none'}"
+        )
     attribute = prim.GetAttribute(name)
     for code in [EARLIEST_TIME, *map(Usd.TimeCode, read_times(attribute))]:
-        if not _is_vector(read_value(attribute, code)):
-            told = f"is no vector of 3 finite numbers at time code {code}"
-            at.refuse(f"{attribute.GetPath()} {told}")
-    return UniformWind(scene, prim, attribute)
+        if not fits(attribute, code):
+            at.refuse(
+                f"{attribute.GetPath()} is not {told}, of finite numbers, at time code {code}"
+            )
+    return attribute
 
 
-def _is_vector(value: Any) -> bool:
+def _numbers(value: Any) -> Array | None:
+    """(n,) numbers of a value of USD, a quaternion's as w, x, y, z; None where it has none."""
+    if hasattr(value, "imaginary"):
+        value = (value.real, *value.imaginary)
     try:
-        array = np.array(value, dtype=np.float64)
+        return np.array(value, dtype=np.float64).reshape(-1)
     except (TypeError, ValueError):
-        return False
-    return array.shape in ((3,), (1, 3)) and bool(np.isfinite(array).all())
+        return None
+
+
+class SceneAttribute(ScenePrim):
+    """Numbers of an attribute over time, as USD has them between samples and knots."""
+
+    def __init__(self, scene: SourceScene, prim: Any, attribute: Any) -> None:
+        super().__init__(scene, prim)
+        self._attribute, self.to_world = attribute, scene.to_world
+        self.sampled = sampled_range(prim, [attribute])
+
+    @property
+    def origin(self) -> tuple[Any, ...]:
+        return (*super().origin, self._attribute.GetName())
+
+    def value(self, code: float) -> Array:
+        """Return (n,) numbers at a time code."""
+        found = _numbers(read_value(self._attribute, Usd.TimeCode(code)))
+        assert found is not None
+        return found
+
+
+def open_attribute(path: Path, entry: dict[str, Any], place: Place) -> SceneAttribute:
+    """Return the attribute that checked keys of a curve name. Raises InputError."""
+    scene, at = open_chosen(path, {}, place.child("usd"), place), place.child("prim")
+    prim = find_prim(scene, entry["prim"], at)
+    counts = {"position": (3,), "rotation": (3, 4)}.get(entry["sets"], (1,))
+    with errors_at(place):
+        attribute = _find_numbers(prim, entry["attribute"], counts, place.child("attribute"))
+    found = SceneAttribute(scene, prim, attribute)
+    told = partial(found.describe_motion, ())
+    note_read(StageRead(str(path), str(attribute.GetPath()), "motion", 1, describe=told))
+    return found
 
 
 def _open_sampled_wind(scene: SourceScene, prim: Any, at: Place) -> SampledWind:
