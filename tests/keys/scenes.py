@@ -542,7 +542,7 @@ SCENES = {
                 ],
             }
         ),
-        ("shot.motion.keyframes",),
+        ("shot.motion.keyframes", "shot.motion.extrapolation"),
         {"1.time": [0.05], ".joint": [""], ".tangents": ["linear"], ".order": ["zyx"]},
         # a curve of one key, and positions, which have no order of axes
         ("0.time", "0.tangents", "0.position", "1.rotation", "1.order", "2.order"),
@@ -995,6 +995,10 @@ ELSEWHERE = {
     "modulus_along_barbs": "tests/nodal, the lab's model of barbs that stretch",
     "position.joint": "tests/usdin/test_groom_space.py",
     "shot.groom": "tests/usdin/test_usd_groom.py",
+    **{
+        f"motion.{key}": "tests/usdin/test_motion_curves.py"
+        for key in ("usd", "prim", "attribute", "sets", "joint", "order", "time")
+    },
     "shot.skin.usd": "tests/usdin/test_usd_skin.py",
     "shot.skin.extrapolation": "tests/usdin/test_usd_skin.py",
     "shot.skin.time": "tests/usdin/test_stage_time.py",

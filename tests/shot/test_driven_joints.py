@@ -189,12 +189,25 @@ heave = HEAVE
 pitch = PITCH
 """
     found = {}
-    for name, heave, pitch in (("own", 1, 8), ("calm", 0, 0)):
+    whole, part = (
+        text.replace("steady", "size = 0.5\nsteady"),
+        text.replace("start", "size = 0.5\nstart"),
+    )
+    part = part.replace('kind = "keys"', 'kind = "keys"\nsize = 0.5')
+    for name, given, heave, pitch in (
+        ("own", text, 1, 8),
+        ("calm", text, 0, 0),
+        ("small", whole, 1, 8),
+        ("small parts", part, 1, 8),
+    ):
         (tmp_path / "shot.toml").write_text(
-            text.replace("HEAVE", str(heave)).replace("PITCH", str(pitch))
+            given.replace("HEAVE", str(heave)).replace("PITCH", str(pitch))
         )
         found[name] = find_tracks(featherfx.read_shot(tmp_path / "shot.toml"))
     own, calm = found["own"], found["calm"]
+    # an act of half the size has a head on its neck as one of parts of half the size
+    for small, parts in zip(found["small"].positions, found["small parts"].positions, strict=True):
+        np.testing.assert_allclose(small, parts, atol=1e-12)
     joint = own.names.index("head")
     level = Rotation.from_matrix(own.rotations[:, joint]).magnitude()
     body = Rotation.from_matrix(own.rotations[:, 0]).magnitude()

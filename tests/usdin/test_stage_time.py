@@ -125,7 +125,7 @@ def test_start_shifts_and_frames_may_be_negative(tmp_path, frames):
 def test_rates_that_differ_are_an_error_with_both(tmp_path, rate, shot):
     write_skin(tmp_path, rate)
     path = write_shot(tmp_path, SKIN, (1, 4), more=f"frames_per_second = {shot}\n")
-    told = f"skin: /skin has {rate} time codes a second, frames_per_second = {shot} differs"
+    told = f"skin: /skin has {rate} time codes a second, the shot {shot} frames_per_second"
     with pytest.raises(InputError, match=told):
         featherfx.read_shot(path)
 

@@ -62,7 +62,7 @@ def _banked(poses: PosesOverTime, calm: PosesOverTime, up: Array) -> PosesOverTi
         if share < _LEVEL:
             still = calm(time).displacements[0]
             height = (found.displacements[0] - still) @ up
-            found.displacements[0] = still + height / max(share, _MIN_SHARE) * lift
+            found.displacements[0] += height * (lift / max(share, _MIN_SHARE) - up)
         return found
 
     return leant

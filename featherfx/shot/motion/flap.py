@@ -30,7 +30,8 @@ the weight as its mean over a beat of frequency f:
     z'' = g (pi / (2 d) sin(pi t / d) - 1)  for t < d,    z'' = -g  for t > d,    z = g / f^2 h(t)
 
 with t in beats. h is the integral whose mean and whose rate's mean are 0. That a half sine has no
-lift left for the upstroke, nor drag for its wings, is an estimate.
+lift left for the upstroke, nor drag for its wings, is an estimate. A body pitches about the middle
+between its shoulders.
 
 A motion starts, and after its beats ends, at rest: within a quarter of a beat the phase catches up
 with time. The phase is the integral of the frequency, and numbers that change over time do so
@@ -314,12 +315,15 @@ def flapping(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
 
     weight = float(np.linalg.norm(shot.gravity))
     up = -shot.gravity / weight if weight else np.zeros(3)
+    shoulders = [each.position for each in groom.joints if each.role == "shoulder" and each.side]
+    middle = np.mean(shoulders, axis=0) * (1.0, 0.0, 1.0) / motion.clock.size
 
     def poses(time: float) -> JointPoses:
         found = wings.poses(flap, flap.phase(time), time, eased(*flap.fold_factors, time))
         height, pitch = flap.heave(time, weight)
-        found.displacements[0] = height * up
-        found.rotations[0] = from_rotation_vector(np.array((0.0, -pitch, 0.0)))
+        turn = from_rotation_vector(np.array((0.0, -pitch, 0.0)))
+        found.displacements[0] = height * up + middle - turn @ middle
+        found.rotations[0] = turn
         return found
 
     return poses

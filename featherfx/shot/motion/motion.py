@@ -65,6 +65,8 @@ def undirected_motion(shot: Shot) -> Roots:
 
 def joint_poses(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
     """Poses of the joints of a shot's groom under a motion, in the time of its clock."""
+    if motion.kind == "act":
+        motion = _size_of_parts(motion)
     clock, source = motion.clock, load_name(MOTION_SOURCES[motion.kind])
     if clock == UNSCALED_CLOCK:
         poses: PosesOverTime = source(motion, shot, skeleton)
@@ -72,6 +74,14 @@ def joint_poses(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime
     # what falls does so in its own ways and time, which the clock takes to the shot's
     own = replace(shot, gravity=shot.gravity / (clock.size * clock.tempo**2))
     return _clocked_poses(source(motion, own, skeleton), clock)
+
+
+def _size_of_parts(motion: Motion) -> Motion:
+    """An act whose parts have its size, so that it puts them together in the groom's own."""
+    size, parts = motion.clock.size, motion.values["motions"]
+    parts = tuple(replace(p, clock=replace(p.clock, size=size * p.clock.size)) for p in parts)
+    clock = replace(motion.clock, size=1.0)
+    return replace(motion, values=motion.values | {"motions": parts}, clock=clock)
 
 
 def _clocked_poses(poses: PosesOverTime, clock: Clock) -> PosesOverTime:
