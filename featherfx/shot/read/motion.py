@@ -67,7 +67,7 @@ def read_motion(
     elif kind == "curve":
         _check_joint(values["joint"], groom, place)
         if readers is None:
-            place.refuse("is a USD scene, which featherfx.read_shot and the commands read")
+            place.refuse("is a USD scene. Use featherfx.read_shot, or a command")
         values["source"] = readers.attribute(
             readers.file(Path(place.source).parent, values["usd"]), values, place
         )
