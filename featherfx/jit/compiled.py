@@ -22,6 +22,7 @@ from featherfx.errors import InputError, Problem
 from featherfx.jit.code_cache import ROOT, CannotBeLoadedError, KernelStore, load_object
 from featherfx.jit.kernel_calls import (
     INLINED,
+    Encoded,
     LoadedKernel,
     StoredKernel,
     describe_arguments,
@@ -55,6 +56,7 @@ class KernelEntry:
         form, words = encode_arguments(arguments)
         code = self._by_form.get(key := tuple(form))
         if code is None:
+            arguments = tuple(a.value if isinstance(a, Encoded) else a for a in arguments)
             text = describe_arguments(arguments)
             code = self.find_loaded(text)
             if code is None:

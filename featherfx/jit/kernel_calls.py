@@ -27,6 +27,8 @@ _NUMBERS = {"none": None, "bool": False, "int64": 0, "float64": 0.0, "float32": 
 _PART = re.compile(r"(kind )?\((?:([^:()]+:[^ :()]+)[^:()]*)?: |([^(), ]+)|(\))")
 # `returns` of kernels that are linked into their callers
 INLINED: Any = object()
+# by the types of items of an argument
+_FORMS: dict[tuple[Any, ...], object] = {}
 # modules of intrinsics
 _INTRINSIC_MODULES: list[str] = []
 
@@ -69,6 +71,19 @@ class TupleKind:
         self.like = like
 
 
+class Encoded:
+    """An argument of calls that follow each other, encoded once. The layouts of its arrays stay.
+
+    form: stands for the types of its items.
+    """
+
+    __slots__ = ("form", "value", "words")
+
+    def __init__(self, value: Any) -> None:
+        form, self.words = encode_arguments((value,))
+        self.form, self.value = _FORMS.setdefault(tuple(form), object()), value
+
+
 class EncodedCall(NamedTuple):
     """Arguments of a call.
 
@@ -102,6 +117,9 @@ def _encode(values: tuple[Any, ...], form: list[Any], words: list[int]) -> None:
         elif isinstance(value, tuple):
             form += (kind, len(value))
             _encode(value, form, words)
+        elif kind is Encoded:
+            form.append(value.form)
+            words += value.words
         elif value is None or kind is TupleKind:
             form.append(value)
         elif kind is bool or kind is np.bool_:

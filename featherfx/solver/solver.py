@@ -14,9 +14,10 @@ from featherfx.algebra.types import Array, Indices
 from featherfx.errors import SimulationError, as_figure
 from featherfx.files.background import limit_threads
 from featherfx.jit.compiled import KernelModule, request_expected
+from featherfx.jit.kernel_calls import Encoded
 from featherfx.limits import MAX_JOBS
 from featherfx.mechanics.model import Loads, Model, expand_wind
-from featherfx.solver.scratch import SolverScratch, make_scratch
+from featherfx.solver.scratch import make_scratch
 from featherfx.solver.state import RootPath as RootPath
 from featherfx.solver.state import State as State
 from featherfx.solver.state import StepReport as StepReport
@@ -167,12 +168,13 @@ class Solver:
 
         frame = step_settings(self.settings, duration)
         some = range(self.model.feathers) if feathers is None else feathers
+        model, acting, led, now, how, told = map(
+            Encoded, (self.model, loads, path, state, frame, report)
+        )
 
         def take(piece: Indices) -> None:
             work = self._work()
-            frame_kernels.advance_feathers(
-                self.model, loads, piece, path, state, frame, work, report
-            )
+            frame_kernels.advance_feathers(model, acting, piece, led, now, how, work, told)
 
         self.for_each(take, self._pieces(some, FEATHERS_PER_PIECE, _NODES_PER_PIECE))
         return report
@@ -212,11 +214,11 @@ class Solver:
         most = max(feathers, nodes // (self.model.rows * (1 + 2 * self.model.columns)))
         return divide_feathers(np.array(some, dtype=np.int64), self.jobs, most)
 
-    def _work(self) -> SolverScratch:
+    def _work(self) -> Encoded:
         """Scratch of the calling thread."""
         if not hasattr(self._local, "work"):
-            self._local.work = make_scratch(self.model)
-        work: SolverScratch = self._local.work
+            self._local.work = Encoded(make_scratch(self.model))
+        work: Encoded = self._local.work
         return work
 
     def for_each(self, function: Callable[[_Part], None], parts: Iterable[_Part]) -> None:

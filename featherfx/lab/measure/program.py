@@ -277,7 +277,7 @@ def _kernel_times(name: str) -> dict[str, tuple[float, float | None]]:
     for k in range(_STEPS):
         paths = root_paths(k * _STEP, (k + 1) * _STEP, 1)
         state, _ = solver.step(state, no_loads(1), paths, _STEP)
-    work, integrator = solver._work(), integrator_of(0.8, _STEP)
+    work, integrator = solver._work().value, integrator_of(0.8, _STEP)
     factors = IntegratorFactors(integrator.inertia, integrator.rate, 1.0 / _STEP)
     size, width = work.system.band.shape
     assemble(model, loads, 0, 0.0, factors, WHOLE_STIFFNESS, 0.0, work)

@@ -1,20 +1,26 @@
 """Measures of a written cache by its points, velocities, rest and topology alone.
 
-Nothing here is shared with what simulates, lays out and writes. Prims are measured one after the
-other, so that five samples of one prim are in memory.
+Nothing here is shared with what simulates, lays out and writes. Each
+thread measures one prim after the other, of which five samples are in memory.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from itertools import pairwise, takewhile
 from pathlib import Path
+from threading import Event
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.types import Array, Floats, Indices
+from featherfx.algebra.types import Array, Floats
 from featherfx.algebra.vectors import unit
+from featherfx.files.background import count_cores
 from featherfx.jit.compiled import KernelModule
+from featherfx.jit.kernel_calls import Encoded
 from featherfx.phases import phase
 from featherfx.usd.check.bounds import (
     BINS_PER_OCTAVE,
@@ -31,7 +37,7 @@ from featherfx.usd.check.bounds import (
     USUAL_THICKNESS,
     list_passed_bounds,
 )
-from featherfx.usd.check.tracks import BARB, RACHIS, Strands, Track, find_tracks
+from featherfx.usd.check.tracks import BARB, RACHIS, Track, find_tracks
 from featherfx.usd.read.opening import open_stage, read_note, read_scenery
 from featherfx.usd.read.values import usd_errors
 
@@ -41,8 +47,7 @@ _PARTS = {RACHIS: "rachis", BARB: "barb"}
 _JUMP, _UNEXPLAINED, _STRAIN, _DEPTH, _KINDS = 2, 3, 4, 5, 6  # columns of Worst
 _MAX_NAMED = 10
 _LIMITS = np.array([MAX_JUMP, MAX_ROOT_JUMP_RATIO, MAX_UNEXPLAINED_RATIO])
-_MIN_BEND_SINE = 1e-3  # of the angle between two segments of a rachis that gives axes
-_MIN_RING_SINE = 0.1  # of the angle between two points of a ring that gives axes
+_UNEVEN = 1e-6  # of the time between two samples, by which others of one length may differ
 _ROUNDING = float(np.finfo(np.float32).eps)
 _STILL = 1e-4  # m/s, rms speed of points that differ by little but rounding from frame to frame
 
@@ -56,6 +61,20 @@ class Worst(NamedTuple):
 
     value: Array
     at: Array
+
+
+class SampleShape(NamedTuple):
+    """Points of F feathers at one time, as judged.
+
+    nodes: (N, 3). lengths: (K,) of strands. bent: (N, 5) curvatures. heights: (N,) half widths of
+    rings at rest across the direction of their first point. axes: (F, 3, 3) of roots.
+    """
+
+    nodes: Array
+    lengths: Array
+    bent: Array
+    heights: Array
+    axes: Array
 
 
 class ThreeSamples(NamedTuple):
@@ -102,22 +121,108 @@ def judge_cache(
 
         depths = SkinDepths(stage, Path(path), tracks, max_skin_frames)
     total = len(tracks) + (depths.count if depths else 0)
-    with phase("judging", total) as done:
-        for number, track in enumerate(tracks, 1):
-            judge.add(track, stage.GetTimeCodesPerSecond())
-            done(number)
-        for number, frame in enumerate(depths.frames() if depths else (), len(tracks) + 1):
-            judge.add_depths(*frame)
-            done(number)
-    found = judge.report(simulated, _read_thickness(stage))
-    found["skin_depth"]["frames"] = depths.count if depths else 0
-    return found | {"bounds_passed": list(list_passed_bounds(found))}
+    measure = partial(measure_track, per_second=stage.GetTimeCodesPerSecond())
+    stopped = Event()
+    every = takewhile(lambda _: not stopped.is_set(), depths.frames() if depths else ())
+    with phase("judging", total) as done, ThreadPoolExecutor(max(count_cores(), 2)) as pool:
+        frames = pool.submit(list, every)
+        try:
+            measured = zip(tracks, pool.map(measure, tracks), strict=True)
+            for number, (track, found) in enumerate(measured, 1):
+                judge.add(track, found)
+                done(number)
+            for number, frame in enumerate(frames.result(), len(tracks) + 1):
+                judge.add_depths(*frame)
+                done(number)
+        finally:
+            stopped.set()
+            pool.shutdown(cancel_futures=True)
+    told = judge.report(simulated, _read_thickness(stage))
+    told["skin_depth"]["frames"] = depths.count if depths else 0
+    return told | {"bounds_passed": list(list_passed_bounds(told))}
 
 
 def _read_thickness(stage: Any) -> float:
     """Return the thickness of vanes, m, that a cache tells of."""
     found = read_note(stage, "thickness", USUAL_THICKNESS)
     return found if found > 0.0 else USUAL_THICKNESS
+
+
+class TrackMeasures:
+    """Measures of all samples of a track of F feathers.
+
+    errors: counts of errors of velocities by size, and of what samples leave open. squares: sum of
+    squares of the speeds of points, m^2/s^2, of so many (rates).
+    """
+
+    def __init__(self, feathers: int) -> None:
+        self.worst = Worst(*np.zeros((2, feathers, _KINDS)))
+        self.errors = np.zeros((2, OCTAVES * BINS_PER_OCTAVE), dtype=np.int64)
+        self.squares, self.rates = 0.0, 0
+
+
+def measure_track(track: Track, per_second: float) -> TrackMeasures:
+    """Measure all samples of a track. per_second: time codes."""
+    found, reader = TrackMeasures(len(track.labels)), track.reader
+    rest, now = _new_shape(track), _new_shape(track)
+    strands, worst, shape = Encoded(track.strands), Encoded(found.worst), Encoded(now)
+    points, none = track.shape.rest, TrackMeasures(len(track.labels)).worst
+    judge_kernels.measure_sample(points, rest, rest, strands, 0.0, 0.0, none)
+    rest.heights[:] = _find_heights(track, rest.nodes, rest.bent[:, 4])
+    roots, sizes, held = track.strands.root, np.zeros(len(track.labels)), Encoded(rest)
+    away = np.linalg.norm(points - rest.nodes[roots][track.owner], axis=1)
+    np.maximum.at(sizes, track.owner, away)
+    window: list[_Sample] = []
+    for code in reader.codes or [None]:
+        points = reader.read("points", code)
+        rounding = _ROUNDING * float(np.abs(points).max(initial=0.0))
+        judge_kernels.measure_sample(points, held, shape, strands, rounding, code or 0.0, worst)
+        if code is not None:
+            rates, axes = reader.read("velocities", code), now.axes.copy()
+            window = [*window[-4:], _Sample(code, points, rates, now.nodes[roots], axes)]
+            _compare(window, track, sizes, per_second, found)
+    return found
+
+
+def _new_shape(track: Track) -> SampleShape:
+    nodes, strands = len(track.strands.node_first) - 1, len(track.strands.feather)
+    return SampleShape(
+        nodes=np.zeros((nodes, 3)),
+        lengths=np.zeros(strands),
+        bent=np.zeros((nodes, 5)),
+        heights=np.zeros(nodes),
+        axes=np.zeros((len(track.labels), 3, 3)),
+    )
+
+
+def _compare(
+    window: Sequence[_Sample],
+    track: Track,
+    sizes: Array,
+    per_second: float,
+    found: TrackMeasures,
+) -> None:
+    """Compare samples that follow each other. window: the last five, the newest last."""
+    codes = [each.code for each in window]
+    steps = [(later - code) / per_second for code, later in pairwise(codes)]
+    even = [abs(each - steps[-1]) <= _UNEVEN * steps[-1] for each in steps]
+    if len(window) > 2 and all(even[-2:]):
+        last, none = window[-3:], np.zeros((0, 3), np.float32)
+        rates = [none if each.rates is None else each.rates for each in (last[0], last[2])]
+        samples = ThreeSamples(
+            (last[0].points, last[1].points, last[2].points),
+            (last[0].roots, last[1].roots, last[2].roots),
+            (last[0].axes, last[1].axes, last[2].axes),
+            (rates[0], rates[1]),
+            steps[-1],
+            last[1].code,
+        )
+        judge_kernels.keep_jumps(samples, track.owner, sizes, _LIMITS, found.worst)
+    if len(window) > 4 and all(even) and (middle := window[2].rates) is not None:
+        first, second, _, fourth, fifth = (each.points for each in window)
+        near, far = (second, first), (fourth, fifth)
+        found.squares += judge_kernels.count_errors(near, far, middle, steps[-1], found.errors)
+        found.rates += len(middle)
 
 
 class Judge:
@@ -129,75 +234,19 @@ class Judge:
         self._errors = np.zeros((2, OCTAVES * BINS_PER_OCTAVE), dtype=np.int64)
         self._squares, self._rates = 0.0, 0
 
-    def add(self, track: Track, per_second: float) -> None:
-        """Measure all samples of a track. per_second: time codes."""
-        count, strands, reader = len(track.labels), track.strands, track.reader
-        worst = Worst(np.zeros((count, _KINDS)), np.zeros((count, _KINDS)))
-        nodes = np.empty((len(strands.node_first) - 1, 3))
-        rest, lengths = np.empty((2, len(strands.feather)))
-        judge_kernels.find_nodes(track.shape.rest, strands, nodes)
-        judge_kernels.strand_lengths(nodes, strands, rest)
-        bent, bent_rest = np.zeros((2, len(nodes), 5))
-        judge_kernels.find_curvatures(track.shape.rest, nodes, strands, bent_rest)
-        heights = _find_heights(track, nodes, bent_rest[:, 4])
-        sizes = np.zeros(count)
-        away = np.linalg.norm(track.shape.rest - nodes[strands.root][track.owner], axis=1)
-        np.maximum.at(sizes, track.owner, away)
-        window: list[_Sample] = []
-        for code in reader.codes or [None]:
-            points = reader.read("points", code)
-            judge_kernels.find_nodes(points, strands, nodes)
-            judge_kernels.strand_lengths(nodes, strands, lengths)
-            rounding = _ROUNDING * float(np.abs(points).max(initial=0.0))
-            judge_kernels.keep_stretches(lengths, rest, strands, rounding, code or 0.0, worst)
-            judge_kernels.find_curvatures(points, nodes, strands, bent)
-            judge_kernels.keep_strains(bent, bent_rest, heights, strands, code or 0.0, worst)
-            if code is not None:
-                rates = reader.read("velocities", code)
-                axes = _find_root_axes(points, nodes, strands)
-                sample = _Sample(code, points, rates, nodes[strands.root], axes)
-                window = [*window[-4:], sample]
-                self._compare(window, track, sizes, per_second, worst)
-        self._keep([each.id for each in track.labels], worst)
+    def add(self, track: Track, found: TrackMeasures) -> None:
+        """Add the measures of a track."""
+        self._errors += found.errors
+        self._squares += found.squares
+        self._rates += found.rates
+        self._keep([each.id for each in track.labels], found.worst)
 
-    def add_depths(self, code: float, found: Sequence[tuple[Track, Indices, Array]]) -> None:
+    def add_depths(self, code: float, found: Sequence[tuple[Track, Array]]) -> None:
         """Keep the largest depths at a time code, as SkinDepths gives them."""
-        for track, feather, depths in found:
+        for track, depths in found:
             worst = Worst(*np.zeros((2, len(track.labels), _KINDS)))
-            np.maximum.at(worst.value[:, _DEPTH], feather, depths)
-            worst.at[:] = code
+            worst.value[:, _DEPTH], worst.at[:] = depths, code
             self._keep([each.id for each in track.labels], worst)
-
-    def _compare(
-        self,
-        window: Sequence[_Sample],
-        track: Track,
-        sizes: Array,
-        per_second: float,
-        worst: Worst,
-    ) -> None:
-        """Compare samples that follow each other. window: the last five, the newest last."""
-        steps = np.diff([each.code for each in window]) / per_second
-        even = np.isclose(steps, steps[-1:], rtol=1e-6)
-        if len(window) > 2 and even[-2:].all():
-            last, none = window[-3:], np.zeros((0, 3), np.float32)
-            rates = [none if each.rates is None else each.rates for each in (last[0], last[2])]
-            samples = ThreeSamples(
-                (last[0].points, last[1].points, last[2].points),
-                (last[0].roots, last[1].roots, last[2].roots),
-                (last[0].axes, last[1].axes, last[2].axes),
-                (rates[0], rates[1]),
-                float(steps[-1]),
-                last[1].code,
-            )
-            judge_kernels.keep_jumps(samples, track.owner, sizes, _LIMITS, worst)
-        if len(window) > 4 and even.all() and (middle := window[2].rates) is not None:
-            first, second, _, fourth, fifth = (each.points for each in window)
-            near, far = (second, first), (fourth, fifth)
-            self._squares += judge_kernels.count_errors(
-                near, far, middle, float(steps[-1]), self._errors
-            )
-            self._rates += len(middle)
 
     def _keep(self, ids: Sequence[str], worst: Worst) -> None:
         places = np.array([self._names.setdefault(id, len(self._names)) for id in ids], dtype=int)
@@ -278,38 +327,6 @@ class Judge:
         place = int(np.searchsorted(np.cumsum(counts), 0.99 * counts.sum()))
         rms = max(np.sqrt(self._squares / self._rates), _STILL)
         return float(2.0 ** (MIN_EXPONENT + (place + 0.5) / BINS_PER_OCTAVE) / rms)
-
-
-def _find_root_axes(points: Floats, nodes: Array, strands: Strands) -> Array:
-    """Return (F, 3, 3), columns: axes of the rings at the roots, or of the first points of a
-    rachis that is a curve; the world's where none is."""
-    if len(nodes) == len(points):
-        return _find_curve_axes(nodes, strands)
-    first, last = strands.node_first[strands.root], strands.node_first[strands.root + 1] - 1
-    ring = strands.node_points[[first, np.minimum(first + 1, last)]]
-    one, other = points[ring] - nodes[strands.root]
-    normal = np.cross(one, other)
-    sizes = np.linalg.norm(one, axis=1) * np.linalg.norm(other, axis=1)
-    side, up = unit(one), unit(normal)
-    axes = np.stack([side, np.cross(up, side), up], axis=2)
-    is_ring = np.linalg.norm(normal, axis=1) > _MIN_RING_SINE * sizes
-    return np.ascontiguousarray(np.where(is_ring[:, None, None], axes, np.eye(3)))
-
-
-def _find_curve_axes(nodes: Array, strands: Strands) -> Array:
-    """Return (F, 3, 3), the same of curves: along a rachis, and in the plane in which it bends
-    first. Points of a straight one have no side, so that any is right."""
-    root = strands.root
-    second, third = (np.minimum(root + k, len(nodes) - 1) for k in (1, 2))
-    along = unit(nodes[second] - nodes[root])
-    bend = np.cross(along, unit(nodes[third] - nodes[second]))
-    spare = np.cross(along, np.eye(3)[np.abs(along).argmin(axis=1)])
-    is_bent = np.linalg.norm(bend, axis=1, keepdims=True) > _MIN_BEND_SINE
-    up = unit(np.where(is_bent, bend, spare))
-    axes = np.stack([along, np.cross(up, along), up], axis=2)
-    of_rachis = np.zeros(len(root), dtype=np.bool_)
-    of_rachis[strands.feather[strands.kind == RACHIS]] = True
-    return np.ascontiguousarray(np.where(of_rachis[:, None, None], axes, np.eye(3)))
 
 
 def _find_heights(track: Track, nodes: Array, widths: Array) -> Array:

@@ -31,6 +31,9 @@ from featherfx.jit.compiled import kernel
 from featherfx.usd.check.bounds import BINS_PER_OCTAVE, MIN_EXPONENT
 
 Array = NDArray[np.float64]
+# of the angle between two segments of a rachis, and between two points of a ring, that give axes
+_MIN_BEND_SINE, _MIN_RING_SINE = 1e-3, 0.1
+_NO_LENGTH = 1e-300
 Floats = NDArray[np.float32]
 Indices = NDArray[np.int64]
 
@@ -113,6 +116,79 @@ def keep_strains(now, rest, heights, strands, code, worst):
                 bent += rest[n, 4] * abs(now[n, 3] - rest[n, 3])
                 strain = abs((now[n, 0] + now[n, 1]) / total - 1.0) + 2.0 * bent / total
                 _keep(strain, code, strands.feather[k], 4, worst)
+
+
+@kernel
+def _unit(vector):
+    return scale(1.0 / max(length(vector), _NO_LENGTH), vector)
+
+
+@kernel
+def _store_axes(first, third, axes):
+    """Columns: a unit vector, the second of a right-handed frame, and a unit vector square to the
+    first."""
+    second = cross(third, first)
+    for k in range(3):
+        axes[k, 0], axes[k, 1], axes[k, 2] = first[k], second[k], third[k]
+
+
+@kernel
+def _find_ring_axes(points, nodes, strands, n, axes):
+    """Axes of a ring about node n by its first two points; untouched where these give none."""
+    first, last = strands.node_first[n], strands.node_first[n + 1] - 1
+    one = sub(points[strands.node_points[first]], nodes[n])
+    other = sub(points[strands.node_points[min(first + 1, last)]], nodes[n])
+    normal = cross(one, other)
+    if length(normal) > _MIN_RING_SINE * length(one) * length(other):
+        _store_axes(_unit(one), _unit(normal), axes)
+
+
+@kernel
+def _find_curve_axes(nodes, n, axes):
+    """Axes along a rachis from node n on, and in the plane in which it bends first. Points of a
+    straight one have no side, so that any is right."""
+    last = nodes.shape[0] - 1
+    second, third = nodes[min(n + 1, last)], nodes[min(n + 2, last)]
+    along = _unit(sub(second, nodes[n]))
+    bend = cross(along, _unit(sub(third, second)))
+    if length(bend) <= _MIN_BEND_SINE:
+        x, y, z = abs(along[0]), abs(along[1]), abs(along[2])
+        if x <= y and x <= z:
+            bend = 0.0, along[2], -along[1]
+        elif y <= z:
+            bend = -along[2], 0.0, along[0]
+        else:
+            bend = along[1], -along[0], 0.0
+    _store_axes(along, _unit(bend), axes)
+
+
+@kernel
+def find_root_axes(points, nodes, strands, axes):
+    """Axes (F, 3, 3), columns: of the rings at the roots, or of the first points of a rachis that
+    is a curve; the world's where none is."""
+    for f in range(axes.shape[0]):
+        for i in range(3):
+            for k in range(3):
+                axes[f, i, k] = 1.0 if i == k else 0.0
+        if nodes.shape[0] != points.shape[0]:
+            _find_ring_axes(points, nodes, strands, strands.root[f], axes[f])
+    if nodes.shape[0] == points.shape[0]:
+        for k in range(strands.kind.shape[0]):
+            if strands.kind[k] == 0:
+                f = strands.feather[k]
+                _find_curve_axes(nodes, strands.root[f], axes[f])
+
+
+@kernel
+def measure_sample(points, rest, now, strands, rounding, code, worst):
+    """Measure the points of a sample, written to now, and keep the largest stretches and strains.
+    rest, now: SampleShape."""
+    find_nodes(points, strands, now.nodes)
+    strand_lengths(now.nodes, strands, now.lengths)
+    keep_stretches(now.lengths, rest.lengths, strands, rounding, code, worst)
+    find_curvatures(points, now.nodes, strands, now.bent)
+    keep_strains(now.bent, rest.bent, rest.heights, strands, code, worst)
+    find_root_axes(points, now.nodes, strands, now.axes)
 
 
 @kernel

@@ -89,8 +89,8 @@ class SkinDepths:
             self._codes = self._codes[:: -(-len(self._codes) // max_frames) or 1]
         self.count = len(self._codes)
 
-    def frames(self) -> Iterator[tuple[float, list[tuple[Track, Indices, Array]]]]:
-        """Yield time codes with the feathers (P,) and depths (P,) m of points of each track."""
+    def frames(self) -> Iterator[tuple[float, list[tuple[Track, Array]]]]:
+        """Yield time codes with the depths (F,) m of the feathers of each track."""
         triangles = [each.surface.triangles for each in self._skins]
         counts: list[int] = []
         for number, code in enumerate(self._codes):
@@ -113,7 +113,9 @@ class SkinDepths:
                 if len(seems := np.flatnonzero(depths > 0.5 * USUAL_THICKNESS)):
                     probe.faces[seems] = skin.near(places[seems])
                     depths[seems] = skin.depths(places[seems], probe.faces[seems])
-                found.append((probe.track, probe.feather, depths))
+                deepest = np.zeros(len(probe.track.labels))
+                np.maximum.at(deepest, probe.feather, depths)
+                found.append((probe.track, deepest))
             yield code, found
 
 

@@ -28,6 +28,7 @@ from featherfx.usd.read.values import (
     ArrayKind,
     describe_time,
     fault,
+    list_transforms,
     read_array,
     read_matrix,
     read_sized_array,
@@ -228,6 +229,7 @@ class _Reader:
     def __init__(self, prim: Any, count: int) -> None:
         self._prim, self._count = prim, count
         self.at_rest = read_matrix(prim, DEFAULT_TIME)
+        self._is_still = not any(map(read_times, list_transforms(prim)))
         self.codes = read_times(prim.GetAttribute("points"))
         self.codes = self.codes or list(UsdGeom.Xformable(prim).GetTimeSamples())
 
@@ -252,8 +254,8 @@ class _Reader:
         # a sum of finite values is finite in double precision
         if not np.isfinite(found.sum(dtype=np.float64)):
             raise fault(attribute, f"has values that are not finite {describe_time(time)}")
-        matrix = read_matrix(self._prim, time)
-        if (matrix == self.at_rest).all():
+        matrix = self.at_rest if self._is_still else read_matrix(self._prim, time)
+        if matrix is self.at_rest or (matrix == self.at_rest).all():
             return np.ascontiguousarray(found, np.float32)
         relative = matrix @ np.linalg.inv(self.at_rest)
         moved = found @ relative[:3, :3] + (relative[3, :3] if name == "points" else 0.0)
