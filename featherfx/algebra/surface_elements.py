@@ -12,11 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from featherfx.algebra.types import Array, Indices
-from featherfx.algebra.vectors import face_products
 
 # relative, of the mean area of vertices: keeps vertices without area in the matrix
 _MIN_MASS = 1e-9
-_NO_AREA = 1e-30  # m^2, twice the area of a triangle that has none
 
 
 class TriangleElements(NamedTuple):
@@ -34,15 +32,17 @@ class TriangleElements(NamedTuple):
 
 def make_elements(points: Array, faces: Indices) -> TriangleElements:
     """Build the linear elements of a mesh. points: (V, 3) m. faces: (T, 3)."""
-    corners = points[faces]
-    products = face_products(corners)
-    twice = np.linalg.norm(products, axis=1)
-    normals = products / np.maximum(twice, _NO_AREA)[:, None]
-    opposite = corners[:, [2, 0, 1]] - corners[:, [1, 2, 0]]
-    gradients = np.cross(normals[:, None], opposite) / np.maximum(twice, _NO_AREA)[:, None, None]
-    thirds = np.repeat(twice / 6.0, 3)
-    masses = np.bincount(faces.ravel(), thirds, len(points))
-    return TriangleElements(gradients, normals, 0.5 * twice, masses + _MIN_MASS * masses.mean())
+    from featherfx.algebra.element_kernels import fill_elements
+
+    count = len(faces)
+    found = TriangleElements(
+        gradients=np.empty((count, 3, 3)),
+        normals=np.empty((count, 3)),
+        areas=np.empty(count),
+        masses=np.empty(len(points)),
+    )
+    fill_elements(np.ascontiguousarray(points), faces, found)
+    return found._replace(masses=found.masses + _MIN_MASS * found.masses.mean())
 
 
 def make_stiffness(elements: TriangleElements, faces: Indices, weights: Array | None = None) -> Any:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from featherfx.algebra.element_kernels import fill_normals
 from featherfx.algebra.surface_elements import (
     TriangleElements,
     factorise,
@@ -21,7 +22,7 @@ from featherfx.algebra.surface_elements import (
     make_stiffness,
 )
 from featherfx.algebra.types import Array, Indices
-from featherfx.algebra.vectors import dots, face_products, unit
+from featherfx.algebra.vectors import dots, unit
 
 
 @dataclass(frozen=True)
@@ -89,8 +90,6 @@ def pose_carrier(mesh: CoatMesh, points: Array) -> Carrier:
 
 def _vertex_normals(points: Array, faces: Indices) -> Array:
     """Return (V, 3) unit normals, the mean of the triangles around by their area."""
-    products = face_products(points[faces])
-    summed = [
-        np.bincount(faces.ravel(), np.repeat(products[:, k], 3), len(points)) for k in range(3)
-    ]
-    return np.asarray(unit(np.stack(summed, axis=1)))
+    normals = np.empty_like(points)
+    fill_normals(points, faces, normals)
+    return normals

@@ -53,6 +53,7 @@ from featherfx.usd.write.poses import (
 
 # feathers whose poses are computed at once; more would only need more memory for what passes
 _MAX_JOINED = 500
+_ROUNDING = float(np.finfo(np.float32).eps)
 
 
 class JoinedFeathers:
@@ -380,12 +381,18 @@ class PosedGroup:
     def hold(self, pose: WrittenPose, first: WrittenPose, moved: Flags, seconds: float) -> None:
         """Mark feathers that have left their first pose in moved (M,); the others repeat it.
 
-        So a feather is written the same whichever feathers share its prims. seconds: as of
-        PosedFeather.changed.
+        So a feather is written the same whichever feathers share its prims. seconds: to the next
+        sample. A velocity does not count if it moves no point by more than its rounding, at the
+        greatest coordinate of a prim.
         """
+        for part in self.parts:
+            points, rates = (pose.values[part, name].numbers for name in ("points", "velocities"))
+            own = first.values[part, "points"].numbers, self.points[part]
+            surface_kernels.mark_moved(points, rates, *own, _ROUNDING / seconds, moved)
+        moved &= ~self.static
         for index in np.flatnonzero(~(moved | self.static)).tolist():
             now, before = self.own(pose, index), self.own(first, index)
-            if self.feathers[index].changed(now, before, seconds):
+            if self.feathers[index].is_deformed(now, before):
                 moved[index] = True
             elif pose is not first:
                 for key, numbers in now.items():

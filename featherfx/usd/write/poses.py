@@ -53,7 +53,6 @@ if TYPE_CHECKING:
 
 surface_kernels = KernelModule("featherfx.usd.write.surface_kernels")
 
-_ROUNDING = float(np.finfo(np.float32).eps)
 _NONE, _ONE = np.zeros(0), np.ones(1)
 
 
@@ -291,28 +290,15 @@ class PosedFeather:
         """Return points relative to the root prim."""
         return points if self.to_origin is None else points.shifted(self.to_origin)
 
-    def changed(self, now: Written, before: Written, seconds: float) -> bool:
-        """Return whether the feather, as written, differs from an earlier pose, or is moving.
-
-        seconds: to the next sample. A velocity does not count if it moves no point by more than its
-        rounding, at the greatest coordinate of a prim.
-        """
+    def is_deformed(self, now: Written, before: Written) -> bool:
+        """Return whether the feather, as written, differs from an earlier pose by more than its
+        points."""
         own = [
             *((MESH_PRIM, name) for name in HOOK_PRIMVARS),
             *((RACHIS_PRIM, name) for name in BARB_NODE_PRIMVARS),
         ]
         own += (*self.keys.wet, *self.keys.whole)
-        if any((now[key] != before[key]).any() for key in own if key in now):
-            return True
-        return any(
-            surface_kernels.changed(
-                now[part, "points"],
-                now[part, "velocities"],
-                before[part, "points"],
-                _ROUNDING / seconds,
-            )
-            for part in self.parts
-        )
+        return any((now[key] != before[key]).any() for key in own if key in now)
 
     def _place(self, out: Written, points: RowPoints) -> bool:
         """Write points of mesh and rachis, and derived values; return whether all are finite."""

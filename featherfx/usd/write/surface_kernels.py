@@ -131,22 +131,23 @@ def pose_surface(values, surface, stage, out):
 
 
 @kernel
-def changed(points, rates, reference, rounding):
-    """Return whether points differ from the reference, or a rate exceeds the rounding.
+def mark_moved(points, rates, reference, starts, rounding, moved):
+    """Mark feathers whose points differ from the reference, or of which a rate exceeds the
+    rounding.
 
-    The rounding is relative to the greatest coordinate of all points.
+    starts: (M + 1,) first point of each. rounding: relative to the greatest coordinate of all
+    points of a feather. Written: moved (M,), where a feather has.
     """
-    greatest = 0.0
-    for v in range(points.shape[0]):
-        for c in range(3):
-            if points[v, c] != reference[v, c]:
-                return True
-            greatest = max(greatest, abs(points[v, c]))
-    for v in range(points.shape[0]):
-        for c in range(3):
-            if abs(rates[v, c]) > rounding * greatest:
-                return True
-    return False
+    for f in range(moved.shape[0]):
+        if moved[f]:
+            continue
+        greatest, rate, differs = 0.0, 0.0, False
+        for v in range(starts[f], starts[f + 1]):
+            for c in range(3):
+                differs = differs or points[v, c] != reference[v, c]
+                greatest, rate = max(greatest, abs(points[v, c])), max(rate, abs(rates[v, c]))
+        if differs or rate > rounding * greatest:
+            moved[f] = True
 
 
 @kernel
