@@ -142,6 +142,8 @@ def describe_argument(value: Any) -> str:
         return describe_array(value.dtype, value.ndim, layout, flags.writeable, flags.aligned)
     if isinstance(value, tuple):
         return describe_tuple(type(value), map(describe_argument, value))
+    if isinstance(value, Encoded):
+        return describe_argument(value.value)
     if isinstance(value, TupleKind):
         return f"kind {describe_argument(value.like)}"
     form = encode_arguments((value,)).form[0]
