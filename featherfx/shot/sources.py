@@ -15,6 +15,7 @@ import numpy as np
 
 from featherfx.algebra.interpolation import Knots
 from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.vectors import cross_columns
 from featherfx.provenance import LeftOut
 from featherfx.shot.clock import StageClock
 from featherfx.shot.preroll import NO_RUN_UP, STILL, RunUp
@@ -150,8 +151,8 @@ class TimedSurface:
 
     def volume(self, points: Array) -> float:
         """m^3, within its closed parts if its points are at points (V, 3) m; below 0 inside out."""
-        a, b, c = points[self.surface.triangles[self.surface.closed]].swapaxes(0, 1)
-        return float(np.einsum("ti,ti->", a, np.cross(b, c))) / 6.0
+        a, b, c = points.T[:, self.surface.triangles[self.surface.closed]].transpose(2, 0, 1)
+        return float(np.einsum("ct,ct->", a, cross_columns(b, c))) / 6.0
 
     def brought_up(self, run_up: RunUp, tolerance: float) -> TimedSurface:
         """The same, led by a run-up; the ground that moves by less than a small part of a tolerance

@@ -189,18 +189,17 @@ class MovingCoat:
         """Feathers on their leaves at the end of a span of time (s), and their two rates.
 
         given: points of the bent on their roots, and their two rates; roots: of all as the skin
-        carries them rigidly, and their two rates; led: the same as channels have led them, default
-        roots. rates: how many are found; the others are nan.
+        carries them rigidly, and their two rates; led: the same as channels have led them, None
+        without any. rates: how many are found; the others are nan.
         """
         instant, step = _INSTANT * (span[1] - span[0]), _STEP_RATIO * (span[1] - span[0])
         times = [0.0, -instant, -step, -2.0 * step][: (1, 2, 4)[rates]]
         posed, drawn = [], []
         for time in times:
             points = RowPoints(*(_extrapolated(each, time) for each in zip(*given, strict=True)))
-            own, moved = (
-                RootFrames(*(_extrapolated(part, time) for part in zip(*each, strict=True)))
-                for each in (roots, led or roots)
-            )
+            own = moved = _extrapolated_roots(roots, time)
+            if led is not None:
+                moved = _extrapolated_roots(led, time)
             posed.append(PosedFeathers(points, own, moved))
         for time, each in zip(times, posed, strict=True):
             carrier = pose_carrier(self._coat.mesh, self._skin.at(span[1] + time))
@@ -239,12 +238,12 @@ class MovingCoat:
         across = np.einsum("fnk,fnk->fn", away, self._rest.directors[own, :, 1])
         place = self._place[own]
         bent = self._tips((across / np.where(place > 0.0, place, 1.0) ** 2).ravel())
+        if posed.led is posed.roots:
+            return np.stack([bent, np.zeros_like(bent)], axis=1)
         up = posed.roots.rotations[:, :, 2]
         sine = dots(rotation[:, :, 0], up)
         rise = dots(position - posed.roots.positions, up)
         rise += self._length * sine / np.sqrt(np.maximum(1.0 - sine * sine, _LEAST_COSINE**2))
-        if not rise.any():
-            return np.stack([bent, np.zeros_like(bent)], axis=1)
         raised = self._raised(np.repeat(rise, self._feet.shape[1]))
         return np.stack([bent, limit_rises(raised, self._ceiling)], axis=1)
 
@@ -294,6 +293,10 @@ class MovingCoat:
 
         share_out(draw_some, len(made.nodes), self._pool)
         return made
+
+
+def _extrapolated_roots(rates: Sequence[RootFrames], time: float) -> RootFrames:
+    return RootFrames(*(_extrapolated(part, time) for part in zip(*rates, strict=True)))
 
 
 def _extrapolated(rates: Sequence[Array], time: float) -> Array:

@@ -63,7 +63,9 @@ class CoatStage(Stage):
         """Lay the feathers that keep a leaf on it."""
         run, shot = self.run, self.run.shot
         surfaces = self._surfaces if len(self._members) else []
-        self._sound = [each for each in surfaces if each.surface.closed.any()]
+        self._sound = [
+            (each, each.volume(each.surface.rest)) for each in surfaces if each.surface.closed.any()
+        ]
         if not surfaces:
             return
         own = [shot.groom.feathers[f] for f in self._members]
@@ -148,8 +150,8 @@ class CoatStage(Stage):
         members = self._members.tolist()
         before = [poses[f] for f in self._members[self._bent]]
         given = [stacked([getattr(pose, name) for pose in before]) for name in _RATES]
-        led = self._root_rates(self.run.motion, span)
-        roots = led if self._motion is self.run.motion else self._root_rates(self._motion, span)
+        roots = self._root_rates(self._motion, span)
+        led = None if self._motion is self.run.motion else self._root_rates(self.run.motion, span)
         moving = self._coat.follow(given, roots, span, led, self.run.rates)
         drawn = [each.each() for each in moving]
         for f, *values in zip(members, *drawn, strict=True):
@@ -163,14 +165,11 @@ class CoatStage(Stage):
 
     def _warn_inside_out(self, index: int, time: float) -> None:
         """Warn once of each surface whose closed parts turn inside out."""
-        for each in list(self._sound):
-            surface, side = (
-                each.surface,
-                -1.0 if each.surface.is_mirrored(each.clock.code(time)) else 1.0,
-            )
-            rest, now = each.volume(surface.rest), each.volume(each.points(time))
+        for each, rest in list(self._sound):
+            surface, now = each.surface, each.volume(each.points(time))
+            side = -1.0 if surface.is_mirrored(each.clock.code(time)) else 1.0
             if side * now * rest < 0.0:
-                self._sound.remove(each)
+                self._sound.remove((each, rest))
                 message = (
                     f"{surface.file}: {surface.path}: turns inside out at frame"
                     f" {self.run.number(index):g}: its faces enclose {now:.3g} m^3, at rest"
