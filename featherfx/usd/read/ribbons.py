@@ -25,7 +25,7 @@ from featherfx.algebra.types import Array, Indices
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.skin import is_flat
 from featherfx.usd.read.curves import read_prim_curves
-from featherfx.usd.read.skinning import SkinPose, animation_attributes, bind_to_pose
+from featherfx.usd.read.skinning import JointSpaces, SkinPose, animation_attributes
 from featherfx.usd.read.stage import (
     SourceScene,
     check_transforms,
@@ -165,8 +165,9 @@ class BoneRibbons(Ribbons):
         if root:
             self._cache.Populate(root, Usd.TraverseInstanceProxies())
         self.skeleton = self._cache.GetSkelQuery(UsdSkel.Skeleton(prim))
+        self.joint_spaces = JointSpaces.of(self.skeleton)
         places = np.array(self.skeleton.GetJointWorldBindTransforms())[:, 3, :3]
-        parents = list(self.skeleton.GetTopology().GetParentIndices())
+        parents = [*self.joint_spaces.parents]
         self.rest, self._weights, self.triangles, self.lengths = _make_strips(places, parents)
         self.faces = np.arange(len(self.triangles)) // (2 * _PIECES)
 
@@ -178,7 +179,7 @@ class BoneRibbons(Ribbons):
 
     def posed(self, pose: SkinPose) -> Array:
         """Return (V, 3) in the skeleton's space in a given pose."""
-        moved = bind_to_pose(self.skeleton, pose.joints)
+        moved = self.joint_spaces.from_bind(pose.joints)
         whole = np.column_stack([self.rest, np.ones(len(self.rest))])
         return np.asarray(np.einsum("vj,vr,jrc->vc", self._weights, whole, moved)[:, :3])
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -47,6 +48,35 @@ class SkinPose(NamedTuple):
     joints: Array
     weights: Array
     points: NDArray[Any]
+
+
+class JointSpaces(NamedTuple):
+    """Spaces of the J joints of a skeleton; matrices are of row vectors.
+
+    parents: of each joint, below 0 without one. inverse_binds: (J, 4, 4) from the skeleton's space
+    to the joints' in the bind pose.
+    """
+
+    parents: Sequence[int]
+    inverse_binds: Array
+
+    @staticmethod
+    def of(skeleton: Any) -> JointSpaces:
+        """Return those of a skeleton's query."""
+        binds = np.linalg.inv(np.array(skeleton.GetJointWorldBindTransforms()))
+        return JointSpaces(list(skeleton.GetTopology().GetParentIndices()), binds)
+
+    def stack(self, joints: Array) -> Array:
+        """(J, 4, 4) from joints, which stand so in their parents' space, to the skeleton's."""
+        found = joints.copy()
+        for joint, parent in enumerate(self.parents):
+            if parent >= 0:
+                found[joint] = found[joint] @ found[parent]
+        return found
+
+    def from_bind(self, joints: Array) -> Array:
+        """(J, 4, 4) from the bind pose to a pose whose joints stand so in their parents' space."""
+        return np.asarray(self.inverse_binds @ self.stack(joints))
 
 
 class Skinning:
@@ -97,15 +127,21 @@ class Skinning:
             points = self._shaped(pose.points, pose.weights)
             if not self._skinning.HasJointInfluences():
                 return self._bound(np.asarray(points))
-            moved = bind_to_pose(self._skeleton, pose.joints)
+            moved = self.joint_spaces.from_bind(pose.joints)
             if (influences := self._influences) is not None:
                 blends = (influences @ (self.bind_matrix @ moved).reshape(-1, 16)).reshape(-1, 4, 4)
                 every = np.asarray(points, dtype=np.float64)
-                return np.asarray((every[:, None] @ blends[:, :3, :3] + blends[:, 3:, :3])[:, 0])
+                turned = np.einsum("vi,vij->vj", every, blends[:, :3, :3])
+                return np.asarray(turned + blends[:, 3, :3])
             transforms = Vt.Matrix4dArray.FromNumpy(moved)
             if not self._skinning.ComputeSkinnedPoints(transforms, points, EARLIEST_TIME):
                 raise fault(self._mesh.GetPrim(), f"USD cannot skin it, {_MISFIT}")
         return np.asarray(points)
+
+    @cached_property
+    def joint_spaces(self) -> JointSpaces:
+        """Spaces of the joints that move it."""
+        return JointSpaces.of(self._skeleton)
 
     @cached_property
     def _influences(self) -> Any:
@@ -157,7 +193,7 @@ class Skinning:
         value = read_array(points, code, VECTOR_ARRAY)
         return read_sized_array(points, EARLIEST_TIME, VECTOR_ARRAY) if value is None else value
 
-    @property
+    @cached_property
     def bind_matrix(self) -> Array:
         """(4, 4) from the mesh's own space to the skeleton's in the bind pose, row vectors."""
         return np.array(self._skinning.GetGeomBindTransform(EARLIEST_TIME), dtype=np.float64)
@@ -189,23 +225,6 @@ class Skinning:
                 if len(moved):
                     points[chosen if len(chosen) else slice(None)] += np.float32(weight) * moved
         return Vt.Vec3fArray.FromNumpy(points)
-
-
-def bind_to_pose(skeleton: Any, joints: Array) -> Array:
-    """(J, 4, 4) from the bind pose of a skeleton (its query) to a pose whose joints (J, 4, 4) stand
-    so in their parents' space; row vectors."""
-    binds = np.array(skeleton.GetJointWorldBindTransforms())
-    return np.asarray(np.linalg.inv(binds) @ stack_joints(skeleton, joints))
-
-
-def stack_joints(skeleton: Any, joints: Array) -> Array:
-    """(J, 4, 4) from joints of a skeleton (its query), which stand so in their parents' space, to
-    the skeleton's; row vectors."""
-    found = joints.copy()
-    for joint, parent in enumerate(skeleton.GetTopology().GetParentIndices()):
-        if parent >= 0:
-            found[joint] = found[joint] @ found[parent]
-    return found
 
 
 def animation_attributes(skeleton: Any) -> list[Any]:

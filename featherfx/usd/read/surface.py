@@ -42,7 +42,6 @@ from featherfx.usd.read.skinning import (
     SkinPose,
     explain_stillness,
     find_skinning,
-    stack_joints,
 )
 from featherfx.usd.read.stage import (
     ScenePrim,
@@ -324,7 +323,7 @@ class Surface(ScenePrim):
         else:
             with self._lock:
                 pose, matrix = self._pose(self._rest_code.GetValue() if code is None else code)
-            own = stack_joints(query, pose.joints)
+            own = self._skinning.joint_spaces.stack(pose.joints)
         return np.concatenate([own @ matrix, matrix[None]])
 
     def posed_points(self, code: float, joints: Array) -> Array:
