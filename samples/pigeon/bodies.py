@@ -180,6 +180,10 @@ BUILDS["owl_flying"] = BUILDS["owl"]._replace(  # stretched out, its legs drawn 
     breast=(0.0, 1.0),
     legs=BUILDS["owl"].legs._replace(heel=0.104, sole=0.088, toes=0.6),
 )
+BUILDS["swan_flying"] = BUILDS["swan"]._replace(  # likewise; its neck is as long as in the S
+    neck=((0.09, 0.008), (0.18, 0.018), (0.268, 0.02)),
+    legs=BUILDS["swan"].legs._replace(heel=0.11, sole=0.092, toes=0.8),
+)
 NECK = np.array((0.06, 0.0, 0.2))  # where it begins
 REAR = np.array((0.1, 0.038, 0.053))
 FRONT = np.array(((0.056, 0, 0.173), (0.048, 0.051, 0.053)))

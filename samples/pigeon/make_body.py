@@ -2,8 +2,8 @@
 
 python samples/pigeon/make_body.py [OUT.usdc [BIRD]]
 
-BIRD is pigeon, gull, owl, owl_flying, sparrow, parrot, peacock, swan or ostrich, of bodies.py; the
-landmarks of a groom's [bird] are printed.
+BIRD is pigeon, gull, owl, owl_flying, sparrow, parrot, peacock, swan, swan_flying or ostrich, of
+bodies.py; the landmarks of a groom's [bird] are printed.
 Folded wings are no part of the shape: they are feathers alone. samples/first_bird has the same one.
 
 The shape is a smooth union of ellipsoids and tapered capsules, given by its distance function and

@@ -18,6 +18,7 @@ from featherfx.api import scene_readers
 from featherfx.errors import InputError
 from featherfx.groom.anatomy import drape
 from featherfx.groom.anatomy.drape import Body
+from featherfx.groom.anatomy.landmarks import axes_of
 from featherfx.groom.anatomy.wing import wing_type
 from featherfx.groom.keys.anatomy import TRACTS
 from featherfx.groom.keys.problems import Place, Problems
@@ -497,6 +498,23 @@ def test_exchanged_landmarks_are_told(tmp_path, first, second, message):
     path.write_text(re.sub("^held =", f"{second} =", text, flags=re.M))
     with pytest.raises(InputError, match=re.escape(message)):
         read_groom(path)
+
+
+def test_a_neck_may_be_stretched_out():
+    """As that of a swan in flight, whose nape is as low as its breast."""
+    points = {
+        "beak": (1.02, 0, 0.50),
+        "crown": (0.85, 0, 0.61),
+        "nape": (0.81, 0, 0.58),
+        "breast": (0.29, 0, 0.48),
+        "right_shoulder": (0.10, -0.13, 0.53),
+        "left_shoulder": (0.10, 0.13, 0.53),
+        "vent": (-0.20, 0, 0.30),
+        "tail": (-0.35, 0, 0.36),
+    }
+    given = {name: np.array(place, dtype=float) for name, place in points.items()}
+    axes = axes_of(given, (0.0, 0.0, 1.0), Place("bird", "", Problems()))
+    np.testing.assert_allclose(axes[:, 1], (0.0, 1.0, 0.0), atol=1e-12)
 
 
 def test_birds_and_wings_are_listed():

@@ -87,13 +87,14 @@ def _check_pairs(points: Points, place: Place) -> None:
 
 
 def _check_order(points: Points, axes: Array, place: Place) -> None:
-    """That landmarks are ahead of each other as they are on a bird. Raises InputError."""
-    wrong = [
-        (axis, name, back)
-        for axis, name, back in _AHEAD
-        if {name, back} <= points.keys()
-        and float((points[name] - points[back]) @ axes[:, axis]) <= 0.0
-    ]
+    """That landmarks are ahead of each other as they are on a bird, but for what is beside it: a
+    neck that is stretched out is as low as the breast. Raises InputError."""
+    gaps = {
+        each: (points[each[1]] - points[each[2]]) @ axes
+        for each in _AHEAD
+        if {*each[1:]} <= points.keys()
+    }
+    wrong = [each for each, gap in gaps.items() if -gap[each[0]] >= (each[0] == 2) * abs(gap[0])]
     if {"left_shoulder", "breast"} <= {name for _, name, _ in wrong}:
         # forward is from the tail to the shoulders
         place.child("beak").refuse("is behind tail: are the two exchanged?")
