@@ -280,7 +280,8 @@ def _tube(
     rows = len(rachis.station)
     angle = 2.0 * np.pi * np.arange(sides) / sides
     lateral = 0.5 * np.outer(rachis.width, np.cos(angle)).ravel()
-    vertical = np.outer(rachis.height, 0.5 * np.sin(angle) + above_vane - 0.5).ravel()
+    vertical = 0.5 * np.outer(rachis.height, np.sin(angle))
+    vertical = (vertical + (above_vane - 0.5) * rachis.height[:, None]).ravel()
     row = np.concatenate((np.repeat(np.arange(rows), sides), [0, rows - 1]))
     offset = np.zeros((len(row), 2))
     offset[:-2, 0], offset[:-2, 1] = lateral, vertical
