@@ -160,7 +160,9 @@ def test_colliders_winds_and_cameras_read_time_alike(tmp_path):
     }
     for table, keys in tables.items():
         plain = f"[{table}]\n{keys}"
-        with pytest.raises(InputError, match="has 25 time codes a second, frames_per_second = 24"):
+        with pytest.raises(
+            InputError, match="has 25 time codes a second, the shot 24 frames_per_second"
+        ):
             featherfx.read_shot(write_shot(tmp_path, SKIN, (1, 4), more=plain))
     for key, step in (("codes", 1.0), ("seconds", 25.0 / 24.0)):
         more = "".join(f'[{table}]\n{keys}time = "{key}"\n' for table, keys in tables.items())

@@ -59,7 +59,7 @@ def test_one_vector_for_all(tmp_path):
         found = wind.velocity(np.zeros((2, 3)), seconds)
         np.testing.assert_allclose(found, [[0, speed, 0]] * 2, atol=1e-6)
     path.write_text(text + WIND + 'attribute = "label"\n')
-    assert "/air.label is no vector of 3 finite numbers" in refused(path)
+    assert "/air.label is not one vector, of finite numbers" in refused(path)
     path.write_text(text + WIND + 'attribute = "gust"\n')
     assert "no attribute 'gust' on /air. Attributes of one vector: wind" in refused(path)
     path.write_text(text + WIND)
