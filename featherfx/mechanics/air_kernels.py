@@ -18,28 +18,30 @@ trough instead of around the edges. So normals n are evened out along the rachis
 and scaled to length 1, with l = c / 3.76: waves 1.7 times as long as the vane is wide keep half of
 their slope, longer ones nearly all, shorter ones less by the square. c is 0.64 of the length of
 both barbs of a row together (0.61 to 0.67 in flight feathers and plumes). A vane that is straight
-along the rachis keeps its normals. The area of a place is what is seen of it along n'.
+along the rachis keeps its normals. The area of a place is what is seen of it along n'. So do gusts:
+of one of wave number k a vane feels 1 / (1 + k^2 l^2), c from end to end of its row. With all of
+them, what the shortest push, by their accelerations, differs with the grid.
 
 Added mass. A strip of chord c that moves across itself carries air (potential flow, Lamb 1932, art.
 71; Theodorsen 1935 for the mean of a strip in a stream):
 
     rho pi c^2 / 4 a metre of vane,    m_a = rho pi c / 4 an area,
-    F = -m_a n' dq/dt,    q = n'.(v - u)
+    F = -m_a n' (n'.(dv/dt - du/dt) + (r x n').(v - u) + (dn'/dt - r x n').(v - v_r))
 
-v velocity of the vane, u of the air. The strip's air is spread evenly over it. A thin plate feels
-pressure along its normal alone. F.n' q = -d/dt (1/2 m_a q^2), so that the air gives back what
-it takes and no more, however the vane turns. Forces on the leading edge (suction, Munk's moment)
-are left out. A permeable vane, and one of several in a sheet, carries only a part of m_a.
-At the end of a step of h, with normals, air and velocities of the pose expected there,
+v velocity of the vane, v_r as it would go rigidly with the root, r spin of the root, u velocity of
+the air. The strip's air is spread evenly over it. A thin plate feels pressure along its normal
+alone. In still air, F.v = -d/dt (1/2 m_a (n'.v)^2) where the root stays, and of a rigid vane: it
+gives back what it takes. Normals that turn by bending in a stream U would also push by U dn'/dt;
+without the air that leaves the strip downstream that feeds any edge that is free upstream with
+m_a U w^2 / 2, w its velocity across: a swan's primary then flutters in a breeze from any side. So
+it is left out, and so are forces on the leading edge (suction, Munk's moment). A permeable vane,
+and one of several in a sheet, carries only a part of m_a; a loose barb its own air.
+At the end of a step of h, with normals and air of the pose expected there,
 
-    W = 1/2 m_a a (n.(x - x_t) - g / a)^2,      g = (n+.(u+ - v) - n-.(u- - v)) / h
+    W = 1/2 m_a a (n.(x - x_t) - g / a)^2
 
-a and x_t of the time integrator (node_kernels), + and - half a step later and earlier at the
-velocities v: g is du/dt - dn/dt.v to second order, and over many steps the air's push adds up to
-what its velocity changes by. A normal that turns in a stream (n.u) pushes by the velocity of the
-pose. Where that is extrapolated in steps about as long as a period, the push comes a step and a
-half late and feeds the vibration, so a step is solved twice (frame_kernels): the second time with
-the air of the pose that the first one gave.
+a and x_t of the time integrator (node_kernels), g all in F but n'.dv/dt. Gusts push by their
+velocities half a step later and earlier: over many steps that adds up to what these change by.
 """
 
 from featherfx.algebra.vector_kernels import (
@@ -47,6 +49,7 @@ from featherfx.algebra.vector_kernels import (
     add,
     combined,
     cosine,
+    cross,
     dot,
     length,
     normal_of,
@@ -57,13 +60,15 @@ from featherfx.algebra.vector_kernels import (
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.row_kernels import node_index
 
+# of the width of a vane
+EVEN_RATIO = 1.0 / 3.76
 # of the length of both barbs of a row: 0.64 / 3.76
 EVEN_BARB_DIFFERENCE = 0.17
 
 
 @kernel
-def wind_at(loads, f, time, point):
-    """Wind velocity at one point near feather f (m/s)."""
+def wind_at(loads, f, time, point, even):
+    """Wind velocity at one point near feather f (m/s), its waves times 1 / (1 + even k^2)."""
     wave, amplitude, mean = loads.wind_wave, loads.wind_amplitude, loads.wind_mean[f]
     x, y, z = wave[0], wave[1], wave[2]
     a, b, c = amplitude[0], amplitude[1], amplitude[2]
@@ -71,6 +76,7 @@ def wind_at(loads, f, time, point):
     for k in range(loads.wind_rate.size):
         angle = x[k] * point[0] + y[k] * point[1] + z[k] * point[2]
         gust = cosine(angle - loads.wind_rate[k] * time + loads.wind_phase[k])
+        gust /= 1.0 + even * (x[k] * x[k] + y[k] * y[k] + z[k] * z[k])
         u, v, w = u + gust * a[k], v + gust * b[k], w + gust * c[k]
     return u, v, w
 
@@ -79,16 +85,19 @@ def wind_at(loads, f, time, point):
 def sample_wind(loads, f, time, points, wind):
     """Wind at the nodes, points (n, 1 + 2 m, 3), written to wind (n, 1 + 2 m, 3).
 
-    Gusts are sampled at the rachis and at both ends of a row and run linearly between.
+    Gusts are sampled at the rachis and at both ends of a row and run linearly between. They are
+    evened out as normals are.
     """
     columns = points.shape[1] // 2
     for i in range(points.shape[0]):
-        middle = wind_at(loads, f, time, points[i, 0])
+        ends = sub(points[i, columns], points[i, 2 * columns])
+        even = EVEN_RATIO * EVEN_RATIO * dot(ends, ends)
+        middle = wind_at(loads, f, time, points[i, 0], even)
         store(wind[i, 0], middle)
         for side in range(2 if columns > 0 else 0):
             end = middle
             if loads.wind_rate.shape[0] > 0:
-                end = wind_at(loads, f, time, points[i, columns * (side + 1)])
+                end = wind_at(loads, f, time, points[i, columns * (side + 1)], even)
             for j in range(columns):
                 along = scale((j + 1.0) / columns, sub(end, middle))
                 store(wind[i, node_index(side, j + 1, columns)], add(middle, along))
@@ -214,8 +223,8 @@ def carry_air(model, loads, f, around):
 
 
 @kernel
-def _add_slip(model, loads, f, points, span, around):
-    """Add n.(u - v) / h of a time away from the end of a step to the slip g of every node.
+def _add_slip(loads, f, points, span, around):
+    """Add n.u / h of a time away from the end of a step to the slip g of every node.
 
     points: at the end. span: (rate of the integrator, time there, time away, factor 1 / h).
     """
@@ -224,14 +233,10 @@ def _add_slip(model, loads, f, points, span, around):
         for p in range(points.shape[1]):
             way = scale(rate * away, sub(points[i, p], around.past.nodes[i, p]))
             store(around.aside[i, p], add(points[i, p], way))
-    vane_areas(model, f, around.aside, around.area, around.wind, around.speed)
-    sample_wind(loads, f, time + away, around.aside, around.wind)
+    sample_wind(loads, f, time + away, around.aside, around.aside)
     for i in range(points.shape[0]):
         for p in range(points.shape[1]):
-            velocity = scale(rate, sub(points[i, p], around.past.nodes[i, p]))
-            air = combined(1.0, around.wind[i, p], away, loads.wind_change[f])
-            against = dot(unit_normal(around.area[i, p]), sub(air, velocity))
-            around.slip[i, p] += factor * against
+            around.slip[i, p] += factor * dot(unit_normal(around.area[i, p]), around.aside[i, p])
 
 
 @kernel
@@ -249,20 +254,45 @@ def carried_energy(model, loads, f, before, velocity, around):
     return total
 
 
+@kernel
+def _accelerate_slip(motion, points, span, spin, change, around):
+    """Write the slip g of every node without gusts. around.aside: areas at the step's start.
+
+    The target's accelerations belong to the normals there: with others, of a vane whose air is
+    heavy, what is light along it would throw it across.
+    """
+    _, h, rate, inertia = span
+    root = scale(rate, sub(points[0, 0], around.past.nodes[0, 0]))
+    for i in range(points.shape[0]):
+        for p in range(points.shape[1]):
+            x, n = points[i, p], unit_normal(around.area[i, p])
+            velocity = scale(rate, sub(x, around.past.nodes[i, p]))
+            turn, spun = sub(n, unit_normal(around.aside[i, p])), cross(spin, n)
+            rigid = add(root, cross(spin, sub(x, points[0, 0])))
+            free = combined(1.0, motion.points[i, p], h, motion.velocity[i, p])
+            g = dot(n, change) + dot(spun, sub(around.wind[i, p], velocity))
+            g += dot(combined(1.0 / h, turn, -1.0, spun), sub(rigid, velocity))
+            around.slip[i, p] = g - inertia * dot(turn, sub(around.target.nodes[i, p], free))
+
+
 @shared_kernel(None)
-def blow_step(motion, points, span, loads, f, model, around):
+def blow_step(motion, points, span, spin, loads, f, model, around):
     """Air of a step: that of `blow` at the nodes expected at its end, added masses and slip g.
 
     motion: PointMotion of the nodes at the step's start. span: time at its end (s), its length (s),
-    rate of the integrator (1/s), v = rate (x - x_v).
+    rate (1/s) and inertia (1/s^2) of the integrator. spin: (3,) rad/s, of the root.
     """
-    time, h, rate = span
+    time, h, rate, _ = span
     carry_air(model, loads, f, around)
-    around.slip[:] = 0.0
     if carries_air(loads, f):
-        _add_slip(model, loads, f, points, (rate, time, 0.5 * h, 1.0 / h), around)
-        _add_slip(model, loads, f, points, (rate, time, -0.5 * h, -1.0 / h), around)
+        vane_areas(model, f, motion.points, around.aside, around.wind, around.speed)
     blow(points, time, loads, f, motion.velocity, model, around)
+    if not carries_air(loads, f):
+        return
+    _accelerate_slip(motion, points, span, spin, loads.wind_change[f], around)
+    if loads.wind_rate.shape[0] > 0:
+        _add_slip(loads, f, points, (rate, time, 0.5 * h, 1.0 / h), around)
+        _add_slip(loads, f, points, (rate, time, -0.5 * h, -1.0 / h), around)
 
 
 @shared_kernel(None)

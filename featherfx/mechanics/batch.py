@@ -15,6 +15,7 @@ from featherfx.algebra.vectors import dots
 from featherfx.feather.profiles import (
     at_places,
     barb_bending,
+    hooked_fraction,
     hooked_stiffness,
     in_cells,
     vane_shares,
@@ -228,7 +229,7 @@ def _constants(
         mass=_mass(feather, kind, cell_area, length),
         rotary_inertia=_rotary_inertia(feather, kind, length),
         rachis_area=feather.width * _row_length(length),
-        air_volume=(1.0 - vane.permeability) * _air_volume(feather, cell_area),
+        air_volume=(1.0 - vane.permeability) * _air_volume(feather, kind, cell_area),
         closed=np.array(1.0 - vane.permeability),
         attached=np.array([vane.attached_coefficient, _lift_slope(feather, cell_area)]),
         cell_guard=_guard(feather, kind, touching),
@@ -411,10 +412,11 @@ def _lift_slope(feather: Feather, cell_area: Array) -> float:
     return 2.0 * np.pi * aspect / (2.0 + np.sqrt(aspect * aspect + 4.0))
 
 
-def _air_volume(feather: Feather, cell_area: Array) -> Array:
-    """(n, 1 + 2 m) m^3 of air that a closed vane carries: pi c / 4 an area (air_kernels).
+def _air_volume(feather: Feather, kind: FeatherKind, cell_area: Array) -> Array:
+    """(n, 1 + 2 m) m^3 of air that a vane carries: pi c / 4 an area (air_kernels).
 
-    c, of the strip across the rachis that a node lies in: between the outlines of both vanes.
+    c, where barbs are hooked: of the hooked strip across the rachis that a node lies in; where they
+    are loose: of a barb with its barbules, as air passes between them.
     """
     columns, nodes, frames = feather.columns, feather.rest.nodes, feather.rest.directors
     offset = nodes[:, :, None] - nodes[:, 0]
@@ -423,16 +425,19 @@ def _air_volume(feather: Feather, cell_area: Array) -> Array:
     along, aside = row_frames(frames)[..., 0][nearest], frames[:, 0][nearest]
     place = feather.station[nearest] + np.einsum("ipx,ipx->ip", offset, along)
     reach = np.abs(np.einsum("ipx,ipx->ip", offset, aside))
-    area, chord = np.zeros(reach.shape), np.zeros(reach.shape)
-    for side, corner in enumerate(_at_corners(cell_area)):
+    hooked = 1.0 if kind.vane_material.ribbon else hooked_fraction(kind, feather)
+    chord, carried = np.zeros(reach.shape), np.zeros((2, *reach.shape))
+    parts = _at_corners(cell_area * hooked), _at_corners(cell_area * (1.0 - hooked))
+    for side, (closed, loose) in enumerate(zip(*parts, strict=True)):
         barbs, grown = barb_slice(side, columns), feather.barb_length[side] > 0.0
-        area[:, 0] += corner[:, 0]
-        area[:, barbs] = corner[:, 1:]
+        carried[:, :, 0] += closed[:, 0], loose[:, 0]
+        carried[:, :, barbs] = closed[:, 1:], loose[:, 1:]
         if columns > 0 and grown.any():
-            at, width = place[grown, barbs.stop - 1], reach[grown, barbs.stop - 1]
+            fraction = closed[grown].sum(axis=1) / (closed + loose)[grown].sum(axis=1)
+            at, width = place[grown, barbs.stop - 1], reach[grown, barbs.stop - 1] * fraction
             order = np.argsort(at)
             chord += np.interp(place, at[order], width[order])
-    return np.asarray(0.25 * np.pi * chord * area)
+    return np.asarray(0.25 * np.pi * (chord * carried[0] + kind.barb_spacing * carried[1]))
 
 
 def _rotary_inertia(feather: Feather, kind: FeatherKind, length: Array) -> Array:

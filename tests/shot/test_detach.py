@@ -120,6 +120,7 @@ bending_across = 1e-2
 """.replace(
     "SIDE",
     "{ outline = [[0, 0], [0, 0.2], [1, 0.2], [1, 0]], rounded_base = 0, rounded_tip = 0,"
+    " hooked = { rachis = [] },"
     " guides = [{ position = 0.5, angle = 90, curl = 0, camber = 0 }] }",
 )
 

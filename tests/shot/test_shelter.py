@@ -20,7 +20,9 @@ def one_feather(speed: float, share: float | None, gust: float = 0.3) -> Shot:
     """A feather held in a wind across its vane, without carried air, for some frames."""
     shot = read_shot(SAMPLES / "feather_pull" / "shot.toml")
     across = np.array([0.0, 0.6, 0.8])
-    wind = replace(shot.wind, speed=speed, gust=gust, direction=across, gust_length=0.5)
+    wind = replace(
+        shot.wind, speed=speed, gust=gust, direction=across, gust_length=0.5, added_mass=False
+    )
     return replace(
         shot,
         first_frame=0,

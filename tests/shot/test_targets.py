@@ -29,8 +29,8 @@ def shot():
     """A beating wing on a coarse grid."""
     read = featherfx.read_shot(SAMPLE / "shot.toml")
     quality = replace(read.quality.pushing, rows=11, columns=3, coefficients=1, simulated_rows=0)
-    # what holds a feather bent for six frames creeps back within as many
-    return replace(read, quality=quality, last_frame=26)
+    # what is held bent for six frames swings out with its air, and creeps back, within 14
+    return replace(read, quality=quality, last_frame=34)
 
 
 def moved(shot, *targets):

@@ -102,10 +102,14 @@ def test_a_feather_feels_the_field():
     nodes, time = feather.rest.nodes, 0.73
     loads = frame_loads(shot, [], [feather], [nodes], 0.7, 0.74)
     wind, field = np.zeros_like(nodes), wind_field(GUSTY)
+    square = np.sum(field.wave_vectors**2, axis=1, keepdims=True)
     sample_wind(loads, 0, time, nodes, wind)
     for row, felt in zip(nodes, wind, strict=True):
-        known = [0, 4, 8]
-        np.testing.assert_allclose(felt[known], field.velocity(row[known], time), atol=1e-12)
+        known, width = [0, 4, 8], np.linalg.norm(row[4] - row[8])
+        # of waves shorter than the vane is wide, little
+        even = field.amplitudes / (1.0 + (width / 3.76) ** 2 * square)
+        expected = replace(field, amplitudes=even).velocity(row[known], time)
+        np.testing.assert_allclose(felt[known], expected, atol=1e-12)
         np.testing.assert_allclose(felt[2], 0.5 * (felt[0] + felt[4]), atol=1e-12)
 
 
@@ -151,8 +155,8 @@ direction = [-0.2, 0.1, 1]
 """
 
 
-def at_rows(shot, rows):
-    return replace(shot, quality=fixed_quality((rows, 6, 2), 1e-4, shot.quality))
+def at_rows(shot, rows, tolerance=1e-4):
+    return replace(shot, quality=fixed_quality((rows, 6, 2), tolerance, shot.quality))
 
 
 def test_the_edge_of_a_vane_in_a_strong_gust_converges(tmp_path):
@@ -161,7 +165,7 @@ def test_the_edge_of_a_vane_in_a_strong_gust_converges(tmp_path):
     (tmp_path / "g.toml").write_text(PRIMARY)
     (tmp_path / "s.toml").write_text(STRONG_GUST)
     shot = replace(read_shot(tmp_path / "s.toml"), settle=False)
-    runs = [run(at_rows(shot, rows)) for rows in (29, 85, 113)]
+    runs = [run(at_rows(shot, rows, 5e-5)) for rows in (29, 85, 113)]
     assert max(errors(runs[0], runs[2])) < 0.012
     # of first order it would be 0.11
     assert max(errors(runs[1], runs[2])) < 0.2 * max(errors(runs[0], runs[2]))

@@ -190,7 +190,7 @@ class Wind(ByValue):
     seed: Annotated[int, Number(0, 2**31 - 1, whole=True), "Seed of the gusts."] = 1
     added_mass: Annotated[
         bool, "Whether vanes carry the air beside them, which slows them down as more mass would."
-    ] = False
+    ] = True
 
 
 @dataclass(frozen=True)

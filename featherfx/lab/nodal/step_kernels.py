@@ -142,8 +142,9 @@ def _predict(model, nodal, loads, f, path, attempt, state, work):
     set_directors(now)
     method = integrator_of(attempt.spectral_radius, h)
     if loads.air[0] > 0.0:
-        motion, span = motion_of(state, f, NODE_POINTS), (state.time[f] + h, h, method.rate)
-        blow_step(motion, now.points.nodes, span, loads, f, model, around)
+        motion = motion_of(state, f, NODE_POINTS)
+        span = state.time[f] + h, h, method.rate, method.inertia
+        blow_step(motion, now.points.nodes, span, state.spin[f, 0], loads, f, model, around)
     rachis = damping_over(model, f, 0, h, state.step[f])
     vane = damping_over(model, f, 1, h, state.step[f])
     return IntegratorFactors(method.inertia, method.rate, rachis, vane)

@@ -18,7 +18,7 @@ from featherfx.algebra.vector_kernels import (
     sub,
 )
 from featherfx.jit.compiled import kernel, shared_kernel
-from featherfx.mechanics.air_kernels import blow_step, carries_air
+from featherfx.mechanics.air_kernels import blow_step
 from featherfx.mechanics.row_kernels import points_of
 from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of, never_slip
 from featherfx.solver.status import CONVERGED, GREW, NOT_CONVERGED, TOO_MUCH_WORK
@@ -101,8 +101,6 @@ from featherfx.solver.types import IntegratorFactors
 _FREE_TOLERANCE_RATIO = 0.1
 # of the error that no step may have, within which all parts of a step but the last are solved
 _PART_TOLERANCE_RATIO = 0.1
-# of the error that a step may have, within which the pose is solved whose air the step meets
-_AIR_TOLERANCE_RATIO = 0.1
 # of the last change of the rates, what a prediction adds to them: with all of it what iterations
 # leave would grow with the square of the steps
 _RATE_CHANGE_WEIGHT = 0.5
@@ -195,8 +193,9 @@ def _predict(model, loads, f, path, attempt, state, work):
     method = integrator_of(radius, h)
     if loads.air[0] > 0.0:
         place_points(model, f, now)
-        motion, span = motion_of(state, f, NODE_POINTS), (state.time[f] + h, h, method.rate)
-        blow_step(motion, now.points.nodes, span, loads, f, model, around)
+        motion = motion_of(state, f, NODE_POINTS)
+        span = state.time[f] + h, h, method.rate, method.inertia
+        blow_step(motion, now.points.nodes, span, state.spin[f, 0], loads, f, model, around)
     rachis, vane = (
         damping_over(model, f, 0, h, steps[1]),
         damping_over(model, f, 1, h, steps[1]),
@@ -271,20 +270,7 @@ def _attempt_step(model, loads, f, path, attempt, state, settings, work):
     h, radius, now, around = attempt.h, attempt.spectral_radius, work.now, work.around
     factors = _predict(model, loads, f, path, attempt, state, work)
     goal = _goal_of(model, f, attempt, settings)
-    if carries_air(loads, f):
-        near = _AIR_TOLERANCE_RATIO * min(settings.tolerance, settings.coarse)
-        near = max(goal.tolerance, near)
-        first = NewtonGoal(near, goal.limit, goal.pace, goal.firm)
-        solved = minimise(model, loads, f, attempt.fraction, factors, first, work)
-        if solved.status == CONVERGED:
-            motion, span = motion_of(state, f, NODE_POINTS), (state.time[f] + h, h, factors.rate)
-            blow_step(motion, now.points.nodes, span, loads, f, model, around)
-            limit = max(1, goal.limit - solved.iterations)
-            goal = NewtonGoal(goal.tolerance, limit, solved.pace, goal.firm)
-            again = minimise(model, loads, f, attempt.fraction, factors, goal, work)
-            solved = _add_work(solved, again)
-    else:
-        solved = minimise(model, loads, f, attempt.fraction, factors, goal, work)
+    solved = minimise(model, loads, f, attempt.fraction, factors, goal, work)
     if solved.status != CONVERGED and attempt.parts > 0:
         again = _attempt_in_parts(model, loads, f, path, attempt, state, settings, work)
         solved = _add_work(solved, again)
