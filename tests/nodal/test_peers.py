@@ -2,10 +2,11 @@
 
 import importlib.util
 
+import numpy as np
 import pytest
 from commands import invoke
 
-from featherfx.lab.bench import peers
+from featherfx.lab.bench import peer_programs, peers
 
 
 def test_without_the_peer_the_command_says_what_to_install(monkeypatch, tmp_path):
@@ -24,7 +25,7 @@ def test_stress_and_peers_exclude_each_other():
 
 
 def test_page_holds_what_was_measured():
-    rows = [peers._row("program", 80, peers.PeerRun([[0.0, 3.0, 4.0]], 0.5, 16), [[0.0, 0.0, 0.0]])]
+    rows = [peers._row("program", 80, peers.PeerRun([[[0.0, 3.0, 4.0]]], 0.5, 16), [[0.0] * 3])]
     table = peers.ResultTable("peers_iso", "Isotropic strip", "note", rows)
     assert rows[0][peers.ERROR] == 5.0
     assert rows[0][peers.COST] == pytest.approx(2.5)
@@ -33,8 +34,12 @@ def test_page_holds_what_was_measured():
     assert "| program | 80 | 16 | 5 | 2.5 |" in files["peers.md"].decode()
 
 
-def test_mujoco_falls_roughly_as_we_do():
-    pytest.importorskip("mujoco")
-    run = peers.mujoco_iso(1.0 / 240.0)
+@pytest.mark.nightly
+@pytest.mark.parametrize(("program", "module"), [("mujoco_sheets", "mujoco"), ("newton_vbd", "newton")])
+def test_sheets_of_a_peer_fall_roughly_as_ours_do(program, module):
+    pytest.importorskip(module)
+    run = getattr(peer_programs, program)(1.0 / 240.0, 2)
     assert run.steps == 48
-    assert run.tip[1, 2] < -0.15
+    assert run.tips.shape == (2, 2, 3)
+    assert run.tips[:, 1, 2].max() < -0.15
+    assert np.abs(np.diff(run.tips, axis=0)).max() < 1e-3

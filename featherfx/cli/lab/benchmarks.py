@@ -22,7 +22,7 @@ from featherfx.lab.bench.report import (
 )
 from featherfx.lab.bench.skips import skips_table
 
-_TABLES, _PEER_TABLES = 7, 2
+_TABLES, _PEER_TABLES = 7, 3
 
 
 def run_benchmarks(options: BenchOptions) -> None:

@@ -13,7 +13,9 @@ class BenchOptions:
     """Choice and extent of the measurements."""
 
     quick: bool = option(False, "A smaller set of settings, in two minutes of one core.")
-    peers: bool = option(False, 'Beside MuJoCo (extra "peers"): error against time of a strip.')
+    peers: bool = option(
+        False, 'Beside MuJoCo and Newton (extra "peers"): error against time of strips.'
+    )
     contact: bool = option(False, "Ways to solve the contact forces of a stack, side by side.")
     birds: bool = option(False, "Whole birds at each quality, beside a fine reference.")
     skips: tuple[Path, ...] = option(
