@@ -134,6 +134,26 @@ def test_rigid_birds_are_where_their_paths_have_them(folder):
             assert nearest.max() < 2e-3
 
 
+def test_groups_have_birds_and_paths_of_their_own(folder):
+    glide = RIGID.replace('name = "bird"', 'name = "glide"').replace("angle = 20", "angle = 0")
+    (folder / "glide.toml").write_text(glide)
+    second = '[[flock]]\nshot = "glide.toml"\nbirds = 2\nseed = 1\nspread = [1, 1, 1]\n'
+    path = "path = [[0, 0, 3, 9], [4, -7, 3, 9]]\n"
+    first = FLOCK.replace("birds = 6", "birds = 2")
+    first = first[: first.index("[camera]")] + first[first.index("[[flock]]") :]
+    (folder / "flock.toml").write_text(first + second + path)
+    bake(folder)
+    stage = Usd.Stage.Open(str(folder / "out.usda"))
+    shown = {prim.GetName() for prim in stage.GetPrimAtPath("/out").GetChildren()}
+    assert shown == {"bird_1_0001", "bird_1_0002", "bird_2_0001", "bird_2_0002"}
+    before, after = (shown_points(stage, "bird_2_0001", frame) for frame in (1, 7))
+    # wings held still, 1.75 m/s against x
+    for name, points in before.items():
+        np.testing.assert_allclose(
+            after[name] - points, [[-1.75 * 0.25, 0, 0]] * len(points), atol=1e-4
+        )
+
+
 def test_replays_repeat_the_loop_of_a_simulated_bird(folder):
     (folder / "bird.toml").write_text(BIRD)
     (folder / "flock.toml").write_text(FLOCK.replace("near_above = 220", "near_above = 1e5"))

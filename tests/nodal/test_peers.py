@@ -35,7 +35,9 @@ def test_page_holds_what_was_measured():
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize(("program", "module"), [("mujoco_sheets", "mujoco"), ("newton_vbd", "newton")])
+@pytest.mark.parametrize(
+    ("program", "module"), [("mujoco_sheets", "mujoco"), ("newton_vbd", "newton")]
+)
 def test_sheets_of_a_peer_fall_roughly_as_ours_do(program, module):
     pytest.importorskip(module)
     run = getattr(peer_programs, program)(1.0 / 240.0, 2)
