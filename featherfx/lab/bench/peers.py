@@ -91,8 +91,8 @@ def peer_tables(extent: PeerRates) -> Iterator[ResultTable]:
     rows = iso_rows(extent, 1, reference)
     yield ResultTable("peers_iso", "Isotropic strip", note, rows)
     note = (
-        f"{WING_SHEETS} such strips in one scene. Error: that of the worst strip. Where MuJoCo's solve"
-        " runs out of iterations, MUJOCO_LOG.TXT in the current folder says so."
+        f"{WING_SHEETS} such strips in one scene. Error: that of the worst strip. Where MuJoCo's"
+        " solve runs out of iterations, MUJOCO_LOG.TXT in the current folder says so."
     )
     rows = iso_rows(_WING_RATES, WING_SHEETS, reference)
     yield ResultTable("peers_wing", f"A wing of {WING_SHEETS} strips", note, rows)
