@@ -138,6 +138,7 @@ MOTION_SOURCES = {
     "hold": "motion.joints:held",
     "shake": "motion.swings:shaken",
     "swing": "motion.swings:swung",
+    "level": "motion.swings:levelled",
     "flap": "motion.flap:flapping",
     "fold": "motion.flap:folded",
     "keys": "motion.keys:keyed",

@@ -191,6 +191,9 @@ base = "glide"
 start = -0.1
 tempo = 2
 [[motion.motions]]
+kind = "level"
+trunk_angle = 20
+[[motion.motions]]
 kind = "swing"
 joints = "fan*"
 axis = [0, 0, 1]

@@ -574,6 +574,11 @@ SCENES = {
         {".joints": ["", "right_shoulder"]},
         (".base", ".kind", ".size", ".fit", ".amount", *SOURCES),
     ),
+    "level": Scene(
+        {"name": "groom", "wing": [WING | {"shoulder": [0.05, -0.02, 0.05]}], "tail": [TAIL]},
+        shot(motion={"kind": "level", "trunk_angle": 10}, **RIGID),
+        ("shot.motion.trunk_angle",),
+    ),
     "act": Scene(
         groom(),
         shot(motion={"kind": "act", "motions": [SHAKE]}),

@@ -7,7 +7,8 @@ import pytest
 from test_motion import is_rotation, sampled
 
 from featherfx.errors import InputError
-from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.motion.joints import skeleton_of
+from featherfx.shot.motion.motion import joint_poses, root_motion
 from featherfx.shot.preroll import NO_RUN_UP, RunUpRoots, run_up_of
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.types import Motion
@@ -82,8 +83,8 @@ def test_motions_that_go_on_are_under_way_at_the_first_frame(acts, name):
 def test_beside_a_skin_the_body_of_an_act_is_left_to_the_skin(acts):
     shot = acts["glide"]
     skin = root_motion(replace(shot, motion=Motion("hold", {})))
-    body, *limbs = shot.motion.values["motions"]
-    assert body.kind == "swing"
+    level, body, *limbs = shot.motion.values["motions"]
+    assert (level.kind, body.kind) == ("level", "swing")
     of_limbs = replace(shot, motion=replace(shot.motion, values={"motions": tuple(limbs)}))
     found = root_motion(replace(shot, skin=skin))
     expected = root_motion(replace(of_limbs, skin=skin))
@@ -123,6 +124,33 @@ def test_an_act_that_is_part_of_itself_is_refused(tmp_path):
     (tmp_path / "shot.toml").write_text(SHOT + 'base = "ring"')
     with pytest.raises(InputError, match="Is one a part of itself"):
         read_shot(tmp_path / "shot.toml", [tmp_path / "presets"])
+
+
+@pytest.mark.parametrize(("height", "pitch"), [(0.13, 15.0), (0.05, 0.0)])
+def test_trunks_steeper_than_an_angle_are_levelled_about_their_shoulders(tmp_path, height, pitch):
+    """The root of the tail is 0.13 m behind the shoulders, of which one that rises by 45 degrees
+    pitches to 30; where it rises less, nothing moves."""
+    tail = BIRD.replace("[-0.1, 0, 0]", f"[-0.1, 0, {0.03 - height}]")
+    (tmp_path / "groom.toml").write_text(tail)
+    (tmp_path / "shot.toml").write_text(f'{SHOT}kind = "level"\ntrunk_angle = 30\nsize = 3')
+    shot = read_shot(tmp_path / "shot.toml")
+    skeleton = skeleton_of(shot.groom)
+    found = joint_poses(shot.motion, shot, skeleton)(0.3)
+    turn, way = found.rotations[0], found.displacements[0]
+    own = np.array(((-0.1, 0, 0.03 - height), (0.03, 0, 0.03)))
+    root, shoulder = own @ turn.T + way
+    np.testing.assert_allclose(shoulder, own[1], atol=1e-12)
+    ahead, _, up = shoulder - root
+    before = np.degrees(np.arctan2(height, 0.13))
+    np.testing.assert_allclose(np.degrees(np.arctan2(up, ahead)), before - pitch, atol=1e-9)
+
+
+def test_a_groom_without_a_tail_has_no_trunk_to_level(tmp_path):
+    (tmp_path / "groom.toml").write_text(BIRD[: BIRD.index("[[tail]]")])
+    (tmp_path / "shot.toml").write_text(f'{SHOT}kind = "level"\ntrunk_angle = 30')
+    shot = read_shot(tmp_path / "shot.toml")
+    with pytest.raises(InputError, match="lacks shoulders or the joint 'tail'"):
+        root_motion(shot)
 
 
 WING = """name = "b"

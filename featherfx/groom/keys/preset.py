@@ -423,6 +423,14 @@ MOTION_KEYS: dict[str, dict[str, Key]] = {
         "phase": Key(Number(-1, 1), "Share of a swing by which it comes later.", 0.0),
         "ramp_periods": _RAMP_PERIODS,
     },
+    "level": {
+        "trunk_angle": Key(
+            Number(-90, 90, "deg"),
+            "Most that the trunk rises from the root of the tail to the middle between the "
+            "shoulders: the groom pitches down to it, about that middle. `right_tarsus` and "
+            "`left_tarsus` keep their direction.",
+        ),
+    },
     "act": {
         "motions": Key(
             ArrayOf(PartPreset(_PRESET), 1, 100),

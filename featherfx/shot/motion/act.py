@@ -15,6 +15,7 @@ and its left, and its mean still bears the weight, so that a height h is heaved 
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -48,7 +49,18 @@ def acted(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
     share = motion.values.get("steady_head", 0.0)
     if share == 0.0 or HEAD not in skeleton.names:
         return poses
-    return SteadyHead(poses, calm, skeleton, share)
+    level, levels = None, _levels_of(motion)
+    if levels.values["motions"]:
+        with contextlib.suppress(MissingJointError):
+            level = _composed(levels, shot, skeleton)
+    return SteadyHead(poses, calm, skeleton, share, level)
+
+
+def _levels_of(motion: Motion) -> Motion:
+    """An act with its parts alone that level trunks."""
+    parts = tuple(map(_levels_of, motion.values.get("motions", ())))
+    kept = [each for each in parts if each.kind == "level" or each.values.get("motions")]
+    return replace(motion, values=motion.values | {"motions": tuple(kept)})
 
 
 def _banked(poses: PosesOverTime, calm: PosesOverTime, up: Array) -> PosesOverTime:

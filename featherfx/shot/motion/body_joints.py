@@ -13,6 +13,7 @@ from featherfx.groom.types import Groom, Joint
 from featherfx.shot.sources import MovingSurface
 
 NECK, HEAD = "neck", "head"
+TARSI = "right_tarsus", "left_tarsus"
 # by their parents
 BODY_JOINTS: Mapping[str, str] = {
     NECK: "",

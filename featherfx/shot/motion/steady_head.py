@@ -3,7 +3,8 @@
 With the turn R of the body and its heading H, the turn about the vertical by which its axis points
 ahead, the head is turned by R^T H against the body. The neck takes a part of that, and then turns
 towards the place that the head has without heave and pitch of the beats. What is left of the way
-there is the head's.
+there is the head's. Of the turn L that levels a trunk (swings.py), which is the first, the head
+takes back a share alone, so that short necks do not fold: it is turned by R^T H L^(1 - share).
 
 Source: Ros and Biewener, Pigeons (C. livia) follow their head during turning flight, Frontiers in
 Neuroscience 11 (2017) 655, summary: the head is steady while the body turns.
@@ -23,23 +24,27 @@ from featherfx.shot.motion.joints import JointPoses, PosesOverTime, Skeleton
 from featherfx.shot.motion.motion import scaled_turns
 
 _NECK_SHARE = 0.45  # of the turn that levels the head; by eye
+_LEVEL_SHARE = 0.3  # of a trunk's turn to level that the head takes back; by eye
 _NECK_WAY = 0.5  # of the way of the head, that the root of the neck goes along; by eye
 
 
 @dataclass(frozen=True)
 class SteadyHead:
-    """Poses with a steady head. calm: without heave and pitch. share: of what is taken back."""
+    """Poses with a steady head. calm: without heave and pitch. share: of what is taken back.
+
+    level: poses that level the trunk; None: there are none."""
 
     own: PosesOverTime
     calm: PosesOverTime
     skeleton: Skeleton
     share: float
+    level: PosesOverTime | None = None
 
     def __call__(self, time: float) -> JointPoses:
         """Return the poses of joints at a time in s."""
         names, pivots = self.skeleton.names, self.skeleton.pivots
-        head, there = names.index(HEAD), self._levelled(self.calm(time))
-        found = self._levelled(self.own(time))
+        head, there = names.index(HEAD), self._levelled(self.calm, time)
+        found = self._levelled(self.own, time)
         turns, shifts = self.skeleton.carriers(there)
         goal = turns[head] @ pivots[head] + shifts[head]
         turns, shifts = self.skeleton.carriers(found)
@@ -58,11 +63,15 @@ class SteadyHead:
         found.displacements[head] += above.T @ (goal - place)
         return found
 
-    def _levelled(self, poses: JointPoses) -> JointPoses:
+    def _levelled(self, source: PosesOverTime, time: float) -> JointPoses:
         """Poses whose head is level."""
+        poses = source(time)
         names, rotations = self.skeleton.names, poses.rotations.copy()
         heading = math.atan2(rotations[0, 1, 0], rotations[0, 0, 0])
         level = from_rotation_vector(np.array((0.0, 0.0, heading)))
+        if self.level is not None:
+            trunk = self.level(time).rotations[:1]
+            level = level @ scaled_turns(trunk, 1.0 - _LEVEL_SHARE)[0]
         back = scaled_turns((rotations[0].T @ level)[None], self.share)[0]
         whole = back @ rotations[names.index(NECK)] if NECK in names else back
         bent = np.eye(3)

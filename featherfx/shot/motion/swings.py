@@ -1,4 +1,4 @@
-"""Poses of joints that swing: a groom along a line, or joints about an axis."""
+"""Poses of joints that swing: a groom along a line, or joints about an axis; of level trunks."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from featherfx.algebra.interpolation import smooth_step
 from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.errors import Problem
+from featherfx.shot.motion.body_joints import TARSI
 from featherfx.shot.motion.joints import (
     JointPoses,
     MissingJointError,
@@ -18,6 +19,8 @@ from featherfx.shot.motion.joints import (
     still_poses,
 )
 from featherfx.shot.types import Motion, Shot
+
+TAIL = "tail"  # the joint that a tail hangs on
 
 
 def shaken(motion: Motion, _shot: Shot, skeleton: Skeleton) -> PosesOverTime:
@@ -59,3 +62,26 @@ def swung(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
         return found
 
     return poses
+
+
+def levelled(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
+    """Poses of a groom whose trunk rises no steeper than by an angle, from the root of its tail to
+    the middle between its shoulders; tarsi keep their direction.
+
+    Raises MissingJointError where it has no tail or no shoulders.
+    """
+    joints = shot.groom.joints
+    shoulders = [each.position for each in joints if each.role == "shoulder" and each.side]
+    tails = [each.position for each in joints if each.name == TAIL]
+    if not (shoulders and tails):
+        told = f"levels a trunk, and the groom lacks shoulders or the joint '{TAIL}'"
+        raise MissingJointError(Problem(str(shot.source), "motion.kind", told))
+    middle = np.mean(shoulders, axis=0) * (1.0, 0.0, 1.0)
+    ahead, _, up = middle - tails[0]
+    rise = math.atan2(up, ahead) - math.radians(motion.values["trunk_angle"])
+    found = still_poses(len(skeleton.names))
+    found.rotations[0] = from_rotation_vector(np.array((0.0, max(rise, 0.0), 0.0)))
+    tarsi = [k for k, name in enumerate(skeleton.names) if name in TARSI]
+    found.rotations[tarsi] = found.rotations[0].T
+    found.displacements[0] = (middle - found.rotations[0] @ middle) / motion.clock.size
+    return lambda _: found

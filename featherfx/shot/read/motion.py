@@ -135,7 +135,7 @@ def _ends(motion: Motion) -> Iterator[float]:
         and isinstance(values["wingbeat_frequency"], float | int)
     ):
         own = [values["beats"] / values["wingbeat_frequency"]]
-    elif motion.kind != "hold":
+    elif motion.kind not in ("hold", "level"):
         own = [math.inf]
     yield from (clock.start + each / clock.tempo for each in own)
 
@@ -240,7 +240,8 @@ def _check_keyframes(
                 continue
             before = latest.setdefault((joint, what), -math.inf)
             if time == before:
-                at.child("time").fail(f"{time:g} s has a {what} of this joint already")
+                told = f"{time:g} s has a {what} of this joint already"
+                at.child("time").fail(f"{told}. Give another time, or leave one of them out")
             elif time < before:
                 told = f"{time:g} s comes after {before:g} s of this joint's {what}"
                 at.child("time").fail(f"{told}. Give keyframes in the order of their times")
