@@ -265,6 +265,9 @@ def _lead(run: ShotRun, number: int) -> LedShapes | None:
             for f, own in zip(members, drawn, strict=True)
         ]
     )
+    # roots do not turn: what a shape is turned by against its root is the first interval's
+    aims.nodes[:, 0] = [each.rest.nodes[0] for each in drawn]
+    aims.directors[:, 0] = [each.rest.directors[0] for each in drawn]
     return LedShapes(
         target=target,
         hold=Curve.of_keys(run.shot, target.keys),
