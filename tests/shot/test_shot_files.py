@@ -139,7 +139,10 @@ stiffness = 100
         ('rotation = [0, 9, 0], tangents = "auto"', "keyframes[1].tangents: 'auto' is not allowed"),
         ("rotation = [0, 1e6, 0]", "keyframes[1].rotation[1]: 1e+06 is out of range. Give -36000"),
         ("rotation = [1, 0, 0, 0]", "keyframes[0].rotation: counts turns beside angles only"),
-        ("time = 0, rotation = [0, 9, 0]", "0 s has a rotation of this joint already. Give"),
+        (
+            "time = 0, rotation = [0, 9, 0]",
+            "keyframes[1].time: 0 s has a rotation of this joint already. Give",
+        ),
         (
             "time = -1, rotation = [0, 9, 0]",
             "keyframes[1].time: -1 s comes after 0 s of this joint",
