@@ -47,6 +47,7 @@ import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,6 +60,7 @@ from featherfx.groom.types import Groom, Joint
 from featherfx.shot.motion.act import PoseComposer
 from featherfx.shot.motion.joints import (
     JointPoses,
+    JointRoots,
     MissingJointError,
     PosesOverTime,
     Skeleton,
@@ -369,18 +371,25 @@ class _SpanFit:
     def _reach(self, phase: float, factor: float) -> float:
         beat = self.wings.poses(self.flap, phase, 0.0, factor)
         pose = PoseComposer.of(self.skeleton)(opened_poses(self.groom), beat)
-        roots = joint_roots(self.groom, self.skeleton, lambda _: pose)
+        roots, lengths, shoulder = self._wing
+        frames = replace(roots, poses=lambda _: pose).frames(0.0)
+        away = frames.positions + lengths[:, None] * frames.rotations[:, :, 0] - shoulder
+        return float(np.linalg.norm(away[:, 1:], axis=1).max(initial=1e-12))
+
+    @cached_property
+    def _wing(self) -> tuple[JointRoots, Array, Array]:
+        """Roots of the feathers of one wing; (W,) m, lengths; (3,) m, its shoulder."""
         number, shoulder = next(
             (k, each)
             for k, each in enumerate(self.groom.joints, 1)
             if each.role == "shoulder" and each.side
         )
-        borne = np.isin(roots.joints, self.skeleton.below(number))
-        frames = roots.frames(0.0)
-        lengths = np.array([each.kind.length for each in self.groom.feathers])
-        tips = frames.positions + lengths[:, None] * frames.rotations[:, :, 0]
-        away = (tips[borne] - np.asarray(shoulder.position))[:, 1:]
-        return float(np.linalg.norm(away, axis=1).max(initial=1e-12))
+        borne = {self.skeleton.names[k] for k in self.skeleton.below(number)}
+        own = tuple(each for each in self.groom.feathers if each.joint in borne)
+        still = still_poses(len(self.skeleton.names))
+        groom = replace(self.groom, feathers=own)
+        roots = joint_roots(groom, self.skeleton, lambda _: still)
+        return roots, np.array([each.kind.length for each in own]), np.asarray(shoulder.position)
 
 
 def folded(motion: Motion, shot: Shot, _skeleton: Skeleton) -> PosesOverTime:
