@@ -19,12 +19,12 @@ from featherfx.jit.code_cache import ROOT, SHIPPED, find_target
 _SAMPLES = ROOT.parent / "samples"
 _FRAMES = ("--quality", "draft", "--frames", "1-6", "-o")
 # Commands that compile what is common. At once: steps of feathers that touch each other, and the
-# layout of a bird, which need different kernels; then a body that is touched, and free feathers.
-# Caches of five frames and more are judged by their accelerations, too.
+# layout and coat of a bird, which need different kernels; then a body that is touched, and free
+# feathers. Caches of five frames and more are judged by their accelerations, too.
 _WORKS = (
     (
         ("bake", _SAMPLES / "flapping_bird" / "shot.toml", *_FRAMES),
-        ("groom", _SAMPLES / "pigeon" / "groom.toml", "--quality", "draft", "-o"),
+        ("bake", _SAMPLES / "pigeon" / "shot.toml", *_FRAMES),
     ),
     (
         ("bake", _SAMPLES / "torn_feather" / "shot.toml", *_FRAMES),

@@ -66,7 +66,8 @@ def factorise(matrix: Any) -> Callable[[Array], Array]:
 
     options = {"SymmetricMode": True}
     found = splu(matrix.tocsc(), "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
-    return lambda right: np.asarray(found.solve(np.ascontiguousarray(right)))
+    # rows in order as they came: of another order, kernels would be compiled once more
+    return lambda right: np.ascontiguousarray(found.solve(np.ascontiguousarray(right)))
 
 
 def weld(corners: Array) -> tuple[Array, Indices]:
