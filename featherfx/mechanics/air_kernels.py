@@ -26,22 +26,23 @@ Added mass. A strip of chord c that moves across itself carries air (potential f
 71; Theodorsen 1935 for the mean of a strip in a stream):
 
     rho pi c^2 / 4 a metre of vane,    m_a = rho pi c / 4 an area,
-    F = -m_a n' (n'.(dv/dt - du/dt) + (r x n').(v - u) + (dn'/dt - r x n').(v - v_r))
+    F = -m_a n' (n'.(dv/dt - Du/Dt) + (r x n').(v - u) + (dn'/dt - r x n').(v - v_r))
 
 v velocity of the vane, v_r as it would go rigidly with the root, r spin of the root, u velocity of
-the air. The strip's air is spread evenly over it. A thin plate feels pressure along its normal
-alone. In still air, F.v = -d/dt (1/2 m_a (n'.v)^2) where the root stays, and of a rigid vane: it
-gives back what it takes. Normals that turn by bending in a stream U would also push by U dn'/dt;
-without the air that leaves the strip downstream that feeds any edge that is free upstream with
-m_a U w^2 / 2, w its velocity across: a swan's primary then flutters in a breeze from any side. So
-it is left out, and so are forces on the leading edge (suction, Munk's moment). A permeable vane,
-and one of several in a sheet, carries only a part of m_a; a loose barb its own air.
+the air, Du/Dt its acceleration (Auton, Hunt and Prud'homme 1988): gusts, which travel with the mean
+wind, have none and push by what they press alone. The strip's air is spread evenly over it. A thin
+plate feels pressure along its normal alone. In still air, F.v = -d/dt (1/2 m_a (n'.v)^2) where the
+root stays, and of a rigid vane: it gives back what it takes. Normals that turn by bending in a
+stream U would also push by U dn'/dt; without the air that leaves the strip downstream that feeds
+any edge that is free upstream with m_a U w^2 / 2, w its velocity across: a swan's primary then
+flutters in a breeze from any side. So it is left out, and so are forces on the leading edge
+(suction, Munk's moment). A permeable vane, and one of several in a sheet, carries only a part of
+m_a; a loose barb its own air.
 At the end of a step of h, with normals and air of the pose expected there,
 
     W = 1/2 m_a a (n.(x - x_t) - g / a)^2
 
-a and x_t of the time integrator (node_kernels), g all in F but n'.dv/dt. Gusts push by their
-velocities half a step later and earlier: over many steps that adds up to what these change by.
+a and x_t of the time integrator (node_kernels), g all in F but n'.dv/dt.
 """
 
 from featherfx.algebra.vector_kernels import (
@@ -223,23 +224,6 @@ def carry_air(model, loads, f, around):
 
 
 @kernel
-def _add_slip(loads, f, points, span, around):
-    """Add n.u / h of a time away from the end of a step to the slip g of every node.
-
-    points: at the end. span: (rate of the integrator, time there, time away, factor 1 / h).
-    """
-    rate, time, away, factor = span
-    for i in range(points.shape[0]):
-        for p in range(points.shape[1]):
-            way = scale(rate * away, sub(points[i, p], around.past.nodes[i, p]))
-            store(around.aside[i, p], add(points[i, p], way))
-    sample_wind(loads, f, time + away, around.aside, around.aside)
-    for i in range(points.shape[0]):
-        for p in range(points.shape[1]):
-            around.slip[i, p] += factor * dot(unit_normal(around.area[i, p]), around.aside[i, p])
-
-
-@kernel
 def carried_energy(model, loads, f, before, velocity, around):
     """1/2 sum m_a (n.v)^2 in still air, J. Writes m_a, and the areas of the nodes before."""
     carry_air(model, loads, f, around)
@@ -256,7 +240,7 @@ def carried_energy(model, loads, f, before, velocity, around):
 
 @kernel
 def _accelerate_slip(motion, points, span, spin, change, around):
-    """Write the slip g of every node without gusts. around.aside: areas at the step's start.
+    """Write the slip g of every node. around.aside: areas at the step's start.
 
     The target's accelerations belong to the normals there: with others, of a vane whose air is
     heavy, what is light along it would throw it across.
@@ -282,17 +266,12 @@ def blow_step(motion, points, span, spin, loads, f, model, around):
     motion: PointMotion of the nodes at the step's start. span: time at its end (s), its length (s),
     rate (1/s) and inertia (1/s^2) of the integrator. spin: (3,) rad/s, of the root.
     """
-    time, h, rate, _ = span
     carry_air(model, loads, f, around)
     if carries_air(loads, f):
         vane_areas(model, f, motion.points, around.aside, around.wind, around.speed)
-    blow(points, time, loads, f, motion.velocity, model, around)
-    if not carries_air(loads, f):
-        return
-    _accelerate_slip(motion, points, span, spin, loads.wind_change[f], around)
-    if loads.wind_rate.shape[0] > 0:
-        _add_slip(loads, f, points, (rate, time, 0.5 * h, 1.0 / h), around)
-        _add_slip(loads, f, points, (rate, time, -0.5 * h, -1.0 / h), around)
+    blow(points, span[0], loads, f, motion.velocity, model, around)
+    if carries_air(loads, f):
+        _accelerate_slip(motion, points, span, spin, loads.wind_change[f], around)
 
 
 @shared_kernel(None)

@@ -1,4 +1,4 @@
-"""A plate in air: how it falls, tumbles and vibrates, and what a gust does to it."""
+"""A plate in air: how it falls, tumbles and vibrates, and what air that accelerates does to it."""
 
 from dataclasses import replace
 
@@ -103,22 +103,31 @@ def test_terminal_speed_is_the_balance_of_weight_and_quadratic_drag(air):
     assert -mean[2] == pytest.approx(terminal, rel=2e-3)
 
 
-def test_a_gust_pushes_with_the_air_that_it_accelerates():
-    """(m + m_a) dv/dt = m_a du/dt where nothing drags: u = A cos(w t + p) all over."""
+@pytest.mark.parametrize("travels", [False, True])
+def test_air_pushes_by_its_own_acceleration(travels):
+    """(m + m_a) dv/dt = m_a Du/Dt where nothing drags: u = A cos(w t + p) all over, or a gust that
+    travels with the air, which does not accelerate it (Auton, Hunt and Prud'homme 1988)."""
     model, loads, state, _, carried = falling(1.0)
     amplitude, rate, phase = 2.0, 9.0, 1.0
-    loads = loads._replace(
-        air=np.array([AIR, 0.0, 0.0, 0.0]),
-        wind_wave=np.zeros((3, 1)),
-        wind_rate=np.full(1, -rate),
-        wind_amplitude=np.array([[0.0], [0.0], [amplitude]]),
-        wind_phase=np.full(1, phase),
-    )
+    loads = loads._replace(air=np.array([AIR, 0.0, 0.0, 0.0]))
+    if travels:
+        loads = loads._replace(
+            wind_wave=np.array([[rate], [0.0], [0.0]]),
+            wind_rate=np.full(1, rate),
+            wind_mean=np.array([[1.0, 0.0, 0.0]]),
+            wind_amplitude=np.array([[0.0], [0.0], [amplitude]]),
+            wind_phase=np.full(1, phase),
+        )
     solver = Solver(model, Settings(tolerance=1e-6, newton=1e-10))
     for k in range(1, 11):
+        blown = 0.0
+        if not travels:
+            speeds = amplitude * np.cos(rate * 0.05 * np.array([k - 1, k, 0]) + phase)
+            change = np.array([[0.0, 0.0, (speeds[1] - speeds[0]) / 0.05]])
+            loads = loads._replace(wind_change=change)
+            blown = speeds[1] - speeds[2]
         state, report = solver.step(state, loads, hold_roots(state), 0.05)
         assert report.status[0] == 0
-        blown = amplitude * (np.cos(rate * 0.05 * k + phase) - np.cos(phase))
         expected = blown * carried / (1.0 + carried)
         assert mean_velocity(model, state)[2] == pytest.approx(expected, abs=0.01 * amplitude)
 

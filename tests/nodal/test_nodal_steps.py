@@ -92,8 +92,8 @@ def test_both_kinematics_converge_to_one_motion():
         smooth, _, _ = run(Solver(model, fixed_step()), straight, 16)
         points, _, _ = run(NodalSolver(model, nodal, fixed_step()), at_rest(model, nodal), 16)
         errors.append(distance(points, smooth))
-    assert errors[0] < 4e-3
-    assert errors[1] < errors[0] / 2.0
+    assert errors[0] < 4.5e-3
+    assert errors[1] < errors[0] / 3.0
 
 
 @pytest.mark.slow

@@ -160,3 +160,5 @@ def test_wind_of_a_scene_acts_on_each_feather_by_its_own_place() -> None:
     roots = np.array([[1.0, 2.0, 0.0], [3.0, -1.0, 0.0]])
     loads = frame_loads(shot, [], [kind, kind], [kind.rest.nodes] * 2, 0.0, 0.04, roots)
     assert loads.wind_mean == pytest.approx(np.array([[2.0, 0, 2], [-1.0, 0, 6]]))
+    # (u . grad) u
+    assert loads.wind_change == pytest.approx(np.array([[0, 0, 4.0], [0, 0, -2.0]]))

@@ -40,7 +40,9 @@ def frame_loads(
     if source is not None and roots is not None:
         mean += source.velocity(roots, 0.5 * (start + end))
         if end > start:
-            gain = source.velocity(roots, end) - source.velocity(roots, start)
+            # the acceleration of the air itself, which passes the roots halfway
+            way = 0.5 * (end - start) * mean
+            gain = source.velocity(roots + way, end) - source.velocity(roots - way, start)
             change = gain / (end - start)
     node, targets, stiffness, most = gripped(grips, feathers, start_points, start, end)
     force, force_change = dead_forces(forces, feathers, start, end)
