@@ -73,6 +73,7 @@ def test_a_feather_is_found_again(tmp_path, text, turn, mirrored, dusk):
     assert ((over == (255, 190, 0)).all(axis=-1)).sum() > 500  # the shaft is drawn
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("base", ["swan_primary", "tail_feather"])
 def test_corners_that_lie_in_the_dark_are_no_feather(tmp_path, base):
     """Light that falls off as the fourth power of the way from the middle, which no parabola does,
@@ -97,6 +98,7 @@ def test_a_calamus_that_grain_hides_is_found(tmp_path):
     assert kind(out.read_text()).calamus == pytest.approx(true.calamus, abs=0.02)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("name", "size"), [("jpg", 500), ("jpg", 250), ("grey16.png", 500), ("grey.tif", 500)]
 )
