@@ -74,6 +74,8 @@ def _run_loop(
             again = {"again": count_again(task, wanted)}
     with phase("building"), seldom_collected():
         simulation = simulate(whole, options.jobs, task.frames, options.subframes, start, wanted)
+    if task.dependences is not None and task.dependences.shot is whole:
+        task.dependences.options = simulation.resolved
     notify(done, task.samples)
     # unless it goes on from an earlier bake, the writer is built while feathers settle
     sink.begin()

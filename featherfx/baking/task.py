@@ -47,6 +47,7 @@ from featherfx.usd.write.unfinished_cache import refuse_unfinished
 
 if TYPE_CHECKING:
     from featherfx.shot.flock.types import FlockShot
+    from featherfx.shot.options.options import ShotOptions
     from featherfx.shot.skin import BoundSkin
     from featherfx.usd.write.body import Bodies
     from featherfx.usd.write.previous_cache import PreviousCache
@@ -58,10 +59,15 @@ Options = TypeVar("Options", bound=StageOptions)
 
 
 class Dependences:
-    """Texts that name all inputs of some feathers of a shot, by their numbers; computed once."""
+    """Texts that name all inputs of some feathers of a shot, by their numbers; computed once.
+
+    options: of the shot's feathers, once a simulation has resolved them.
+    """
+
+    options: ShotOptions | None = None
 
     def __init__(self, shot: Shot, numbers: Sequence[int]) -> None:
-        self._shot, self._numbers = shot, numbers
+        self.shot, self._numbers = shot, numbers
 
     @cached_property
     def texts(self) -> list[str]:
@@ -69,7 +75,7 @@ class Dependences:
         # loads compiled code, which a finished cache does without
         from featherfx.shot.partition.dependence import motion_dependences
 
-        every = motion_dependences(self._shot)
+        every = motion_dependences(self.shot, self.options)
         return [every[k] for k in self._numbers]
 
 

@@ -458,7 +458,7 @@ def some_of(shot: Shot, patterns: Sequence[str]) -> list[Placement]:
 def _at_rest(pose: FeatherPose) -> FeatherPose:
     """A pose without rates."""
     none = both(np.zeros_like, pose.points)
-    return replace(pose, velocities=none, accelerations=none)
+    return pose._replace(velocities=none, accelerations=none)
 
 
 def _vector(values: Any) -> Array:

@@ -320,7 +320,7 @@ def test_joined_shares_hold_every_feather_once(tmp_path, single):
 def test_a_feather_that_is_not_finite_is_named(tmp_path):
     frame = feathers.frame(1)
     bad = both(lambda part: np.where(part == 0.0, np.nan, part), frame.poses[1].points)
-    poses = (frame.poses[0], replace(frame.poses[1], points=bad), *frame.poses[2:])
+    poses = (frame.poses[0], frame.poses[1]._replace(points=bad), *frame.poses[2:])
     options = WriteOptions(group="all")
     with (
         pytest.raises(SimulationError, match="primary 1"),

@@ -118,7 +118,7 @@ def test_a_loop_of_another_period_is_refused(tmp_path):
         for number in range(1, 10):
             pose = posed(number)
             moved = pose.points.shifted(np.array((0.01 * number, 0.0, 0.0)))
-            writer.write(Frame(number, (number - 1) / RATE, (replace(pose, points=moved),)))
+            writer.write(Frame(number, (number - 1) / RATE, (pose._replace(points=moved),)))
     with pytest.raises(InputError, match="40 % of its feather's length away at frame 5"):
         featherfx.retime(path, tmp_path / "out.usdc", loop=4)
     assert not (tmp_path / "out.usdc").exists()

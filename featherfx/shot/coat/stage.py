@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
 
 import numpy as np
 
@@ -32,7 +31,6 @@ _RAISED = (
     "wings, tail or rows lie over it, or the skin is hollow. Open these, or leave the regions out"
 )
 _CEILING_GRID = 21, 4  # rows and columns of what lies over a coat
-_RATES = "points", "velocities", "accelerations"
 
 
 class CoatStage(Stage):
@@ -148,15 +146,15 @@ class CoatStage(Stage):
         span = self.run.time(index - 1), self.run.time(index)
         self._warn_inside_out(index, span[1])
         members = self._members.tolist()
-        before = [poses[f] for f in self._members[self._bent]]
-        given = [stacked([getattr(pose, name) for pose in before]) for name in _RATES]
+        before = [poses[f][:3] for f in self._members[self._bent].tolist()]
+        given = [stacked(each) for each in zip(*before, strict=True)]
         roots = self._root_rates(self._motion, span)
         led = None if self._motion is self.run.motion else self._root_rates(self.run.motion, span)
         moving = self._coat.follow(given, roots, span, led, self.run.rates)
-        drawn = [each.each() for each in moving]
-        for f, *values in zip(members, *drawn, strict=True):
-            rates = dict(zip(_RATES, values, strict=True))
-            poses[f] = replace(poses[f], **rates) if f in poses else FeatherPose(**rates)
+        drawn = dict(zip(members, FeatherPose.each(moving), strict=True))
+        for f in drawn.keys() & poses.keys():
+            drawn[f] = FeatherPose(*drawn[f][:3], *poses[f][3:])
+        poses |= drawn
 
     def _root_rates(self, motion: Roots, span: tuple[float, float]) -> list[RootFrames]:
         """Roots of the coat's feathers at the end of a span (s), and their two rates."""

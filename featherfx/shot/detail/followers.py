@@ -113,8 +113,7 @@ def rates_of(motion: Roots, members: Indices, start: float, end: float) -> list[
 
 
 def _by_number(members: Indices, world: Sequence[RowPoints]) -> dict[int, FeatherPose]:
-    poses = map(FeatherPose, *(each.each() for each in world))
-    return dict(zip(members.tolist(), poses, strict=True))
+    return dict(zip(members.tolist(), FeatherPose.each(world), strict=True))
 
 
 def seen_from_roots(world: Sequence[RowPoints], roots: Sequence[RootFrames]) -> list[RowPoints]:

@@ -8,7 +8,6 @@ turns, and the chain is put together again on its moving root. So nothing is str
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.feather.types import RowPoints, both, stacked
@@ -42,8 +41,7 @@ class ShownTurns:
         local = self._changed(seen_from_roots(world, roots), start, end, rule)
         points, velocities, accelerations = in_world(local, roots)
         for place, f in enumerate(self.members.tolist()):
-            poses[f] = replace(
-                poses[f],
+            poses[f] = poses[f]._replace(
                 points=points.at(place),
                 velocities=velocities.at(place),
                 accelerations=accelerations.at(place),

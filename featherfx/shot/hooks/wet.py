@@ -12,7 +12,6 @@ Water comes and goes with the velocity of what it wets.
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -105,7 +104,7 @@ class ClumpStage(Stage):
     def show(self, time: float, poses: list[FeatherPose]) -> list[FeatherPose]:
         """Have barbs come together in clumps."""
         clumps = [clumping(self.run.shot, rule, time) for rule in self._rules]
-        return [replace(p, clumped=each) for p, each in zip(poses, clumps, strict=True)]
+        return [p._replace(clumped=each) for p, each in zip(poses, clumps, strict=True)]
 
 
 def clumping(shot: Shot, rule: int, time: float) -> tuple[float, int]:

@@ -8,7 +8,6 @@ their roots. Faces may collapse there, as those of a skin that is cut to a half 
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -74,4 +73,4 @@ class DrawnSkinStage(Stage):
 
 def _shifted(pose: FeatherPose, shift: Array, rate: Array) -> FeatherPose:
     velocities = RowPoints(pose.velocities.nodes + rate, pose.velocities.directors)
-    return replace(pose, points=pose.points.shifted(shift), velocities=velocities)
+    return pose._replace(points=pose.points.shifted(shift), velocities=velocities)

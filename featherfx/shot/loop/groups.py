@@ -137,9 +137,7 @@ def poses_of(group: FeatherGroup) -> dict[int, FeatherPose]:
     if (carrier := group.carrier) is not None:
         every = np.arange(len(numbers))
         moving = carrier(every, state.points, state.velocity, state.acceleration)
-        each = moving.points.each(), moving.velocities.each(), moving.accelerations.each()
-        given = zip(numbers, *each, strict=True)
-        return {f: FeatherPose(points, rate, second) for f, points, rate, second in given}
+        return dict(zip(numbers, FeatherPose.each(moving), strict=True))
     found = {}
     for k, f in enumerate(numbers):
         gaps = state.gaps_of(k) if hooked else None

@@ -18,7 +18,7 @@ from featherfx.shot.loop.free_group import free_groups
 from featherfx.shot.loop.groups import poses_of
 from featherfx.shot.loop.run import ShotRun, Stage, make_groups
 from featherfx.shot.loop.settled import moving_with_roots
-from featherfx.shot.options.options import FeatherOptions
+from featherfx.shot.options.options import FeatherOptions, ShotOptions
 from featherfx.shot.roots import RootFrames, Roots, root_rates
 from featherfx.shot.types import Shot
 
@@ -74,6 +74,11 @@ class Simulation:
     def shot(self) -> Shot:
         """The shot that is simulated."""
         return self._run.shot
+
+    @property
+    def resolved(self) -> ShotOptions:
+        """Options of all feathers of the shot."""
+        return self._run.options
 
     @property
     def report(self) -> dict[str, Any]:

@@ -38,14 +38,15 @@ _NOT_COMMON = {
 _NOT_MOVING = {"id", "region", "rank", "grown", "skin", "skin_uv"}
 
 
-def motion_dependences(shot: Shot) -> list[str]:
+def motion_dependences(shot: Shot, options: ShotOptions | None = None) -> list[str]:
     """Name what the motion of every feather of a shot that is placed on its skin depends on, in the
-    groom's order. Raises InputError for shapes that cannot be built,
-    and for levels that cannot be."""
-    drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+    groom's order. options: resolved, None: not yet. Raises InputError for shapes that cannot be
+    built, and for levels that cannot be."""
     cut = prepare_cuts(shot)
     motion = uncut_motion(cut)
-    options = resolve_options(cut, drawn, motion)
+    if options is None:
+        drawn = build_feathers(shot.groom.feathers, shot.quality.rows, shot.quality.columns)
+        options = resolve_options(cut, drawn, motion)
     common = digest(_common(shot))
     each = _each(shot, options, motion)
     for more in brought(shot, "dependences"):
