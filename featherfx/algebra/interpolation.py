@@ -34,8 +34,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from featherfx.algebra.rotation import rotation_part, rotation_vectors, vectors_to_frames
+from featherfx.algebra.rotation import frames_to_quats, rotation_part, rotation_vectors
 from featherfx.algebra.types import Array, Indices
+from featherfx.jit.compiled import KernelModule
+
+kernels = KernelModule("featherfx.algebra.interpolation_kernels")
 
 # knots on either side of a knot that its polynomial goes through
 _REACH = 2
@@ -75,21 +78,8 @@ class Stencil(NamedTuple):
         middle = samples.mean(axis=1, dtype=np.float64)
         return np.asarray(self.value(samples) + self.place(middle) - self.value(middle))
 
-    def turn(self, samples: Array) -> Array:
-        """(..., 3, 3) rotations between samples (n, ..., 3, 3)."""
-        return self._turned(samples, _ways(samples, self.middles))
-
-    def _turned(self, samples: Array, ways: Array) -> Array:
-        """The same, by the ways (2, n, ..., 3) from the knots in the middles."""
-        before, after = (
-            samples[middle] @ vectors_to_frames(np.tensordot(weights, way, 1))
-            for middle, weights, way in zip(self.middles, self.weights, ways, strict=True)
-        )
-        way = rotation_vectors(np.swapaxes(before, -1, -2) @ after)
-        return np.asarray(before @ vectors_to_frames(self.fraction * way))
-
     def apart(self, samples: Array) -> Maps:
-        """Affine maps (n, ..., 4, 4) of row vectors at the times, as `map` has them: for all times
+        """Affine maps (n, K, 4, 4) of row vectors at the times, as `map` has them: for all times
         between the same two knots."""
         if len(samples) == 1 or (samples == samples[0]).all():
             return Maps(samples, None)
@@ -97,38 +87,41 @@ class Stencil(NamedTuple):
         sign = np.where(np.linalg.det(linear) < 0.0, -1.0, 1.0)[..., None, None]
         turned = rotation_part(sign * linear)
         stretch = linear @ np.swapaxes(turned, -1, -2)
-        return Maps(samples, (turned, stretch, _ways(turned, self.middles)))
+        ends = turned[list(self.middles)]
+        ways = rotation_vectors(np.swapaxes(ends, -1, -2)[:, None] @ turned)
+        return Maps(samples, (stretch, KnotTurns(frames_to_quats(ends), ways)))
 
     def map(self, maps: Maps) -> Array:
-        """(..., 4, 4) between affine maps: place, stretch and rotation each on its own."""
+        """(K, 4, 4) between affine maps: place, stretch and rotation each on its own."""
         samples, parts = maps
         if parts is None:
             return np.asarray(samples[0])
-        turned, stretch, ways = parts
-        found = np.array(samples[0])
-        found[..., :3, :3] = self.value(stretch) @ self._turned(turned, ways)
+        stretch, turns = parts
+        found, turned = np.array(samples[0]), np.empty(stretch.shape[1:])
+        kernels.blend_turns(turns, self.weights, self.fraction, np.empty((2, 3)), turned)
+        found[..., :3, :3] = self.value(stretch) @ turned
         found[..., 3, :3] = self.place(samples[..., 3, :3])
         return found
 
     def matrix(self, samples: Array) -> Array:
-        """(..., 4, 4) between affine maps of row vectors (n, ..., 4, 4)."""
-        return self.map(self.apart(samples))
+        """(4, 4) between affine maps of row vectors (n, 4, 4)."""
+        return np.asarray(self.map(self.apart(samples[:, None]))[0])
+
+
+class KnotTurns(NamedTuple):
+    """Rotations about two knots. ends: (2, K, 4) unit quaternions at the knots. ways: (2, n, K, 3)
+    rad, from there to the rotations at n knots around."""
+
+    ends: Array
+    ways: Array
 
 
 class Maps(NamedTuple):
-    """Affine maps of row vectors at some knots. samples: (n, ..., 4, 4). parts: rotations and
-    stretches (n, ..., 3, 3), and the rotations' ways from the knots in the middles; None where all
-    are the same."""
+    """Affine maps of K joints, of row vectors, at some knots. samples: (n, K, 4, 4). parts:
+    stretches (n, K, 3, 3) and rotations; None where all are the same."""
 
     samples: Array
-    parts: tuple[Array, Array, Array] | None
-
-
-def _ways(samples: Array, middles: tuple[int, int]) -> Array:
-    """(2, n, ..., 3) rad, of rotations (n, ..., 3, 3) from those in the middles."""
-    return np.stack(
-        [rotation_vectors(np.swapaxes(samples[each], -1, -2) @ samples) for each in middles]
-    )
+    parts: tuple[Array, KnotTurns] | None
 
 
 @dataclass(frozen=True)

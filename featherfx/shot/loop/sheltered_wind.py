@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
+from functools import lru_cache
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from featherfx.mechanics.model import Loads
 from featherfx.shot.loads.wind import exposures
 from featherfx.shot.loop.groups import FeatherGroup, GroupLoad
 from featherfx.shot.loop.run import ShotLoad, ShotRun
-from featherfx.shot.roots import Roots, arrived
+from featherfx.shot.roots import arrived
 
 # m/s, to which roots' velocities are rounded, so that even motion gives equal winds
 _DIGITS = 9
@@ -23,6 +24,7 @@ class ShelterLoads(ShotLoad):
     def __init__(self, run: ShotRun) -> None:
         super().__init__(run)
         self._exposures = exposures(run.shot).tolist()
+        self.root_rates = lru_cache(1)(self._root_rates)
 
     def key(self, feather: int) -> Hashable:
         """Exposure."""
@@ -31,29 +33,36 @@ class ShelterLoads(ShotLoad):
     def on(self, group: FeatherGroup) -> GroupLoad | None:
         """The shelter of a batch; None where all of the wind reaches it."""
         exposure = self._exposures[group.members[0]]
-        return None if exposure == 1.0 else _Shelter(exposure, self.run.motion)
+        return None if exposure == 1.0 else _Shelter(exposure, self)
+
+    def _root_rates(self, start: float, end: float, changing: bool) -> tuple[Array, Array]:
+        """(F, 3) m/s, velocities of all roots from start to end (s), and (F, 3) m/s^2, their
+        change since the span before; 0 where that is not asked for."""
+        duration, motion = end - start, self.run.motion
+        begin, reached = arrived(motion, start), motion.frames(start)
+        way = motion.frames(end).positions - begin.positions
+        change = np.zeros_like(way)
+        if not duration > 0.0:
+            return change, change
+        if changing:
+            # a cut turns the velocity before it with the root
+            before = reached.positions - arrived(motion, start - duration).positions
+            turned = np.einsum("fij,fkj,fk->fi", begin.rotations, reached.rotations, before)
+            change = np.round((way - turned) / duration**2, _DIGITS)
+        return np.round(way / duration, _DIGITS), change
 
 
 class _Shelter(GroupLoad):
     """Shelter of a batch, as long as it is on its roots."""
 
-    def __init__(self, exposure: float, motion: Roots) -> None:
-        self._exposure, self._motion = exposure, motion
+    def __init__(self, exposure: float, shelter: ShelterLoads) -> None:
+        self._exposure, self._shelter = exposure, shelter
 
     def added(self, loads: Loads, group: FeatherGroup, start: float, end: float) -> Loads:
         """Loads with the part of the wind that reaches the batch."""
         if group.is_flying:
             return loads
-        duration, motion = end - start, self._motion
-        begin, reached = arrived(motion, start), motion.frames(start)
-        way = motion.frames(end).positions - begin.positions
-        change = np.zeros_like(way)
-        if loads.added_mass.size and duration > 0.0:
-            # a cut turns the velocity before it with the root
-            before = reached.positions - arrived(motion, start - duration).positions
-            turned = np.einsum("fij,fkj,fk->fi", begin.rotations, reached.rotations, before)
-            change = np.round((way - turned) / duration**2, _DIGITS)
-        velocity = np.round(way / duration, _DIGITS) if duration > 0.0 else change
+        velocity, change = self._shelter.root_rates(start, end, loads.added_mass.size > 0)
         return sheltered(loads, self._exposure, velocity[group.members], change[group.members])
 
 

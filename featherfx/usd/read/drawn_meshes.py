@@ -19,6 +19,7 @@ from featherfx.provenance import LeftOut
 from featherfx.usd.read.skinning import Skinning, find_skinning
 from featherfx.usd.read.stage import SourceScene, prims_below
 from featherfx.usd.read.values import (
+    DEFAULT_TIME,
     EARLIEST_TIME,
     INTEGER_ARRAY,
     compute,
@@ -26,6 +27,7 @@ from featherfx.usd.read.values import (
     describe_time,
     fault,
     list_elements,
+    list_transforms,
     read_flattened,
     read_inverse,
     read_matrix,
@@ -82,7 +84,10 @@ def drawn_meshes(stage: Any) -> Iterator[DrawnMesh]:
 def place_mesh(mesh: Any, skinning: Skinning | None) -> DrawnMesh:
     """Return a mesh where its prim stands, or the skeleton that moves it."""
     space = mesh.GetPrim() if skinning is None else skinning.space
-    return DrawnMesh(mesh, partial(read_matrix, space), None, skinning)
+    if any(map(read_times, list_transforms(space))):
+        return DrawnMesh(mesh, partial(read_matrix, space), None, skinning)
+    still = _last_kept(partial(read_matrix, space))
+    return DrawnMesh(mesh, lambda _: still(DEFAULT_TIME), None, skinning)
 
 
 def _find_skinning(mesh: Any) -> Skinning | None:
