@@ -153,7 +153,7 @@ class CoatStage(Stage):
         moving = self._coat.follow(given, roots, span, led, self.run.rates)
         drawn = dict(zip(members, FeatherPose.each(moving), strict=True))
         for f in drawn.keys() & poses.keys():
-            drawn[f] = FeatherPose(*drawn[f][:3], *poses[f][3:])
+            drawn[f] = drawn[f]._replace(gaps=poses[f].gaps, clumped=poses[f].clumped)
         poses |= drawn
 
     def _root_rates(self, motion: Roots, span: tuple[float, float]) -> list[RootFrames]:
