@@ -289,6 +289,7 @@ def in_one_island(active):
         active=active.astype(np.int8),
         moved=np.ones(bodies, dtype=np.int8),
         worst=np.zeros(bodies),
+        open_by=np.zeros(bodies),
         depth=np.zeros(bodies),
         solves=np.zeros(bodies, dtype=np.int64),
         status=np.zeros(bodies),

@@ -301,14 +301,15 @@ def _press(contact, known, search):
     if known >= 0:
         contact.guest_force = search.memory.force[known, 0]
         contact.host_force = search.memory.force[known, 1]
-    bodies, guest, row, p = search.bodies, contact.guest, contact.row, contact.point
-    if bodies.fixed[contact.host] != 0:
+    bodies, guest, host = search.bodies, contact.guest, contact.host
+    row, p = contact.row, contact.point
+    softer = min(_of_corners(bodies.impedance[host], contact), bodies.impedance[guest, row, p])
+    left = min(_of_corners(bodies.leeway[host], contact), bodies.leeway[guest, row, p])
+    contact.stiffness, contact.leeway = softer, left / softer
+    if bodies.fixed[host] != 0:
         contact.stiffness = bodies.firm[guest, row, p]
     elif bodies.fixed[guest] != 0:
-        contact.stiffness = _of_corners(bodies.firm[contact.host], contact)
-    else:
-        host = _of_corners(bodies.impedance[contact.host], contact)
-        contact.stiffness = min(host, bodies.impedance[guest, row, p])
+        contact.stiffness = _of_corners(bodies.firm[host], contact)
 
 
 @kernel

@@ -74,8 +74,8 @@ _FIT, _STRUCK_FIT = 8.0, 2.0
 _SHARED_RADIUS = 0.0
 # error for which such steps are chosen, over the tolerance: forces between bodies carry it on
 _SHARED_TOLERANCE_RATIO = 0.1
-# frames over which what rounds leave may add up to the tolerance
-_FRAMES = 2.0
+# frames over which what rounds leave may add up, and to what part of the tolerance
+_FRAMES, _LEFT = 2.0, 0.4
 # force between two bodies, over that before, beyond which it is a blow
 _BLOW = 2.0
 # gap, over the margin, beyond which a contact without a force is not handed to a feather
@@ -326,13 +326,14 @@ class ContactSolver:
         whole, firm = _FIT * (inertia + self._elastic), _FIT * (inertia + self._firm)
         pressing = self._count_pressing(memory)[:, None, None]
         struck = np.where(pressing > 0, _FIT, _STRUCK_FIT) * inertia
-        impedance = struck + _FIT * self._pull() / np.maximum(pressing, 1)
-        impedance[~self._free] = _RIGID
+        elastic = _FIT * self._pull() / np.maximum(pressing, 1)
+        impedance, leeway = struck + elastic, self._leeway(struck, elastic, run.duration)
+        impedance[~self._free] = leeway[~self._free] = _RIGID
         bodies = moving_bodies(run.start, run.now, impedance)
         self._found_in = memory._replace(inside=memory.inside.copy())
         search = SearchSettings(
             self.surfaces,
-            bodies._replace(whole=whole, firm=firm, fixed=self._fixed),
+            bodies._replace(whole=whole, firm=firm, fixed=self._fixed, leeway=leeway),
             self._found_in,
             margin,
             settings.margin,
@@ -414,7 +415,6 @@ class ContactSolver:
             handing=self._handing(run),
             rules=RoundRules(
                 rounds=settings.rounds,
-                tolerance=self._tolerance(run.duration),
                 reach=_FAR * settings.margin,
                 friction=settings.friction > 0.0,
             ),
@@ -427,14 +427,15 @@ class ContactSolver:
         self._team.solve(sweep)
         return sweep
 
-    def _tolerance(self, duration: float) -> float:
-        """m, residual of a solved island over a duration h (s).
+    def _leeway(self, inertial: Array, elastic: Array, duration: float) -> Array:
+        """(B, n, 1 + 2 m) N, that forces of an interval h (s) may be off by: in a time T they move
+        a feather of mass m and stiffness k by dF / (m / T^2 + k).
 
-        A force that is off by dF moves a feather by dF h^2 / m in the step. So what rounds leave
-        goes with the square of h: else shorter steps would leave larger forces.
+        inertial, elastic: N/m, parts of the impedance, the former with 1 / h^2.
         """
         part = duration / max(duration, _FRAMES * self.settings.frame)
-        return max(self.settings.tolerance * part**2, _MIN_RESIDUAL)
+        left, least = _LEFT * self.settings.tolerance, _MIN_RESIDUAL * (inertial + elastic)
+        return np.maximum(left * (part**2 * inertial + elastic), least)
 
     def _handing(self, run: BatchRun) -> HandoverRules:
         slip = self.settings.smoothing * run.duration

@@ -119,14 +119,15 @@ def update(body, touch, listed, now):
 
 @kernel
 def residual(body, touch, listed, soft):
-    """Largest distance of a body's contacts from complementarity, and deepest penetration, m.
+    """Largest distance of a body's contacts from complementarity, m, the same over what rounds may
+    leave, and deepest penetration, m.
 
     A gap that is closed (g < 0) or held shut from both sides with a force counts by its size, a
     misfit of forces by what it would move another round: the springs of what presses a body are
     together about as stiff as the body. Contacts that yield, with a body that is soft (B,), are as
     they are, and only deep.
     """
-    worst, depth = 0.0, 0.0
+    worst, open_by, depth = 0.0, 0.0, 0.0
     for at in range(listed.first[body], listed.first[body + 1]):
         contact = touch[listed.items[at]]
         depth = max(depth, contact.spared - contact.gap)
@@ -135,8 +136,9 @@ def residual(body, touch, listed, soft):
         force = min(contact.guest_force, contact.host_force)
         wrong = abs(min(contact.gap, force / contact.stiffness))
         mismatch = abs(contact.guest_force - contact.host_force) / contact.stiffness
-        worst = max(worst, max(wrong, mismatch))
-    return worst, depth
+        wrong = max(wrong, mismatch)
+        worst, open_by = max(worst, wrong), max(open_by, wrong / contact.leeway)
+    return worst, open_by, depth
 
 
 @kernel
@@ -170,12 +172,12 @@ def _is_opposed(contact, body, touch, listed, fixed):
 
 
 @kernel
-def share_pinch(body, touch, listed, fixed, tolerance):
+def share_pinch(body, touch, listed, fixed):
     """Spare a body what it lacks of contacts with what is fixed that pinch it: neither side gives
-    way, so each keeps the depth at which their springs balance. tolerance: m, of the least gap."""
+    way, so each keeps the depth at which their springs balance."""
     for at in range(listed.first[body], listed.first[body + 1]):
         contact = touch[listed.items[at]]
-        if contact.gap >= -tolerance or not _is_on_fixed(contact, body, fixed):
+        if contact.gap >= -contact.leeway or not _is_on_fixed(contact, body, fixed):
             continue
         if _is_opposed(contact, body, touch, listed, fixed):
             contact.spared -= contact.gap

@@ -72,7 +72,8 @@ class Marks(NamedTuple):
     """B bodies of an interval. mine: which are solved, as long as they can be. island: (B,) of
     those, -1 of others. fresh: to be solved in the first round, whatever contacts. soft: whose
     contacts yield. active: to be solved in this round. moved: or what they touch, since worst and
-    depth, m, of their contacts were looked at. solves: of each. status: of the solves. fixed:
+    depth, m, of their contacts were looked at, and open_by, how much farther they are off than
+    rounds may leave. solves: of each. status: of the solves. fixed:
     led for good (LedMotion)."""
 
     mine: Bytes
@@ -82,6 +83,7 @@ class Marks(NamedTuple):
     active: Bytes
     moved: Bytes
     worst: Array
+    open_by: Array
     depth: Array
     solves: Indices
     status: Array
@@ -89,9 +91,9 @@ class Marks(NamedTuple):
 
 
 class Islands(NamedTuple):
-    """I islands. rounds: taken. worst: m. open: whether rounds go on. bodies: of island i
-    bodies[first[i]] to bodies[first[i + 1] - 1], ascending. alone: those that one thread solves by
-    itself, the largest first."""
+    """I islands. rounds: taken. worst: most that bodies are open by (Marks). open: whether rounds
+    go on. bodies: of island i bodies[first[i]] to bodies[first[i + 1] - 1], ascending. alone: those
+    that one thread solves by itself, the largest first."""
 
     rounds: Indices
     worst: Array
@@ -115,12 +117,10 @@ class BodyColours(NamedTuple):
 
 
 class RoundRules(NamedTuple):
-    """rounds: most of an island. tolerance: m, residual of a solved island, and of a body that is
-    not solved again. reach: m, gap beyond which contacts without a force are left out after the
-    first round. friction: whether there is any."""
+    """rounds: most of an island. reach: m, gap beyond which contacts without a force are left out
+    after the first round. friction: whether there is any."""
 
     rounds: int
-    tolerance: float
     reach: float
     friction: bool
 
@@ -314,6 +314,7 @@ class BatchRun:
             active=np.zeros(len(island), dtype=np.int8),
             moved=np.ones(len(island), dtype=np.int8),
             worst=np.zeros(len(island)),
+            open_by=np.zeros(len(island)),
             depth=np.zeros(len(island)),
             solves=self.solves,
             status=self.report.status,

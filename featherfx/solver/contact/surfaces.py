@@ -180,6 +180,7 @@ def moving_bodies(start: Array, ahead: Array, impedance: Array) -> MovingBodies:
         boxes=np.zeros((bodies, rows, 6)),
         bounds=np.zeros((bodies, 6)),
         impedance=impedance,
+        leeway=impedance,
         whole=impedance,
         firm=impedance,
         fixed=np.zeros(bodies, dtype=np.int8),

@@ -207,10 +207,10 @@ def _look(body, number, sweep):
     if marks.moved[body] != 0:
         marks.moved[body] = 0
         if number >= _PATIENCE:
-            share_pinch(body, sweep.touch, sweep.listed, marks.fixed, sweep.rules.tolerance)
-        worst, depth = residual(body, sweep.touch, sweep.listed, marks.soft)
-        marks.worst[body], marks.depth[body] = worst, depth
-    again = marks.worst[body] > sweep.rules.tolerance
+            share_pinch(body, sweep.touch, sweep.listed, marks.fixed)
+        found = residual(body, sweep.touch, sweep.listed, marks.soft)
+        marks.worst[body], marks.open_by[body], marks.depth[body] = found
+    again = marks.open_by[body] > 1.0
     if number == 0:
         again = again or marks.fresh[body] != 0
     marks.active[body] = 1 if again else 0
@@ -238,13 +238,13 @@ def _close(island, number, sweep):
         body = islands.bodies[at]
         if marks.mine[body] == 0:
             continue
-        worst = marks.worst[body]
+        worst = marks.open_by[body]
         if number == 0 and marks.fresh[body] != 0:
             worst = np.inf
         elif anew and closed_on_led(body, sweep.touch, sweep.listed, marks.mine):
             worst, marks.active[body] = np.inf, 1
         islands.worst[island] = max(islands.worst[island], worst)
-    if number >= rules.rounds or islands.worst[island] < rules.tolerance:
+    if number >= rules.rounds or islands.worst[island] < 1.0:
         islands.open[island] = 0
 
 

@@ -21,12 +21,12 @@ RIM_SAMPLES = 4
 # start and now; thickness: sum of both halves, less Candidates.depth; spared: of a depth that was
 # there at the start.
 # Forces, N, that guest and host feel; stiffness, N/m, of the spring that each of them is pressed
-# against. place_start, place_now: m, of the host's point.
+# against; leeway: m, misfit that rounds may leave. place_start, place_now: m, of the host's point.
 CONTACT_DTYPE = np.dtype(
     [(name, "i8") for name in ("pair", "row", "column", "point", "guest", "host", "side", "mirror")]
     + [("corner", "i8", (3, 2)), ("weight", "f8", (3,)), ("normal", "f8", (3,))]
     + [(name, "f8") for name in ("start_gap", "gap", "thickness", "spared", "fraction")]
-    + [(name, "f8") for name in ("guest_force", "host_force", "stiffness")]
+    + [(name, "f8") for name in ("guest_force", "host_force", "stiffness", "leeway")]
     + [("place_start", "f8", (3,)), ("place_now", "f8", (3,))]
 )
 # (K,) of CONTACT_DTYPE
@@ -51,8 +51,9 @@ class VaneSurfaces(NamedTuple):
 class MovingBodies(NamedTuple):
     """B bodies in an interval. start: (B, n, 1 + 2 m, 3) m, nodes at its begin; ahead: where they
     will be about its end. boxes: (B, n, 6) and bounds: (B, 6) m, around both. impedance: (B, n, 1 +
-    2 m) N/m, for each contact that presses a body, of led bodies more than of any other; whole,
-    firm: for all of it, towards walls and towards bodies that are fixed (B,), obstacles. way: (B,)
+    2 m) N/m, for each contact that presses a body, of led bodies more than of any other; leeway: N,
+    of forces that rounds may leave; whole, firm: N/m, for all of it, towards walls and towards
+    bodies that are fixed (B,), obstacles. way: (B,)
     m, farthest that a node goes; swing: (B,) m, beyond its root. slab: (B, 5), a normal and the
     lowest and highest along it, m, of all nodes ahead, between which no triangle is turned over;
     endless where there is none."""
@@ -62,6 +63,7 @@ class MovingBodies(NamedTuple):
     boxes: Array
     bounds: Array
     impedance: Array
+    leeway: Array
     whole: Array
     firm: Array
     fixed: Bytes
