@@ -183,15 +183,12 @@ def _within(
 
 def _hanging(around: _Pairs, start: _Pairs, joined: Indices) -> Flags:
     """(N,) whether triangles around a root hang together with those at its corners."""
-    size = int(joined.max()) + 1
-    corners = around.root[:, None] * size + joined[around.triangle]
-    reached = np.unique(start.root[:, None] * size + joined[start.triangle])
-    hanging = np.zeros(len(corners), dtype=np.bool_)
-    while True:
-        now = hanging | np.isin(corners, reached).any(axis=1)
-        if (now == hanging).all():
-            return now
-        reached, hanging = np.unique(corners[now]), now
+    from featherfx.groom.skin import field_kernels as kernels
+
+    hanging = np.zeros(len(around.root), dtype=np.bool_)
+    begin, other = ((each.root, joined[each.triangle]) for each in (start, around))
+    kernels.find_hanging(*begin, *other, np.full(joined.max() + 1, -1), hanging)
+    return hanging
 
 
 def _merged(first: _Pairs, second: _Pairs, kept: Flags, triangles: int) -> _Pairs:

@@ -130,3 +130,31 @@ def _measure(corners):
     last = (p - x) ** 2 + (q - y) ** 2 + (r - z) ** 2
     longest = max(x * x + y * y + z * z, p * p + q * q + r * r, last)
     return sqrt(k * k + m * m + n * n), longest
+
+
+@kernel
+def find_hanging(start, start_corners, root, corners, reached, hanging):
+    """Mark triangles (N,) around roots that hang together with those (M,) at them.
+
+    start: (M,) and root: (N,) of each, ascending. start_corners: (M, 3) and corners: (N, 3), their
+    vertices. reached: (V,) last root from which each vertex was, -1. hanging: (N,) False.
+    """
+    s, low = 0, 0
+    while low < root.shape[0]:
+        own, high = root[low], low
+        while high < root.shape[0] and root[high] == own:
+            high += 1
+        while s < start.shape[0] and start[s] <= own:
+            for k in range(3):
+                reached[start_corners[s, k]] = start[s]
+            s += 1
+        moved = True
+        while moved:
+            moved = False
+            for n in range(low, high):
+                c = corners[n]
+                if not hanging[n] and own in (reached[c[0]], reached[c[1]], reached[c[2]]):
+                    hanging[n] = moved = True
+                    for k in range(3):
+                        reached[c[k]] = own
+        low = high

@@ -122,11 +122,13 @@ class MovingCoat:
         self._numbers = numbers = np.array([each.leaf.number for each in placements])
         plane = build_plane_feathers(placements, drawn[0].rows, drawn[0].columns)
         self._forms = plane_forms(placements, plane)
-        self._rest = rest = stacked([feather.rest for feather in drawn])
+        rest = stacked([feather.rest for feather in drawn])
         self._length = coat.follicles.length[numbers]
         self._lain = make_plane_forms(rest.nodes, rest.directors, self._forms.bare)
         self._order = np.full(len(numbers), -1)
         self._order[bent] = np.arange(len(bent))
+        self._still = rest.at(np.arange(0))
+        self._shafts, self._ups = rest.nodes[bent, :, 0], rest.directors[bent, :, 1]
         self._straight = straight = self._lay(np.zeros(len(numbers)))
         self._turned = np.zeros(0), straight
         places = np.sqrt(straight.shares[..., 1])
@@ -159,7 +161,7 @@ class MovingCoat:
         )
         arrays = coat.arrays(coat.rest)
         kernels.find_offsets(arrays, leaves, lain.nodes, 0, len(numbers))
-        still = VaneMotion(*self._rest, np.full(len(numbers), -1), 0.0 * turns, self._lain)
+        still = VaneMotion(*self._still, np.full(len(numbers), -1), 0.0 * turns, self._lain)
         side, normal = self._draw(arrays, leaves, still).directors.swapaxes(0, 2).swapaxes(1, 2)
         axes = np.stack([np.cross(side, normal), side, normal], axis=-2)
         return leaves._replace(directors=lain.directors @ axes.swapaxes(-1, -2))
@@ -209,8 +211,8 @@ class MovingCoat:
             drawn.append(self._draw(arrays, self._on_leaves(turns), motion))
         now, first = drawn[0], both(lambda x: np.broadcast_to(np.nan, x.shape), drawn[0])
         second = first
-        if rates > 0:
-            first = both(lambda x, y: (x - y) / instant, *drawn[:2])
+        if rates > 0:  # in place, as these arrays are the largest of a bake
+            first = both(lambda x, y: np.divide(np.subtract(x, y, y), instant, y), *drawn[:2])
         if rates > 1:
             second = both(lambda x, y, z: (x - 2.0 * y + z) / (step * step), now, *drawn[2:])
         return [now, first, second]
@@ -234,8 +236,7 @@ class MovingCoat:
         position, rotation = posed.led
         own = self._bent
         local = (posed.points.nodes[:, :, 0] - position[own, None]) @ rotation[own]
-        away = local - self._rest.nodes[own, :, 0]
-        across = np.einsum("fnk,fnk->fn", away, self._rest.directors[own, :, 1])
+        across = np.einsum("fnk,fnk->fn", local - self._shafts, self._ups)
         place = self._place[own]
         bent = self._tips((across / np.where(place > 0.0, place, 1.0) ** 2).ravel())
         if posed.led is posed.roots:
