@@ -77,6 +77,8 @@ def test_a_light_feather_falls_at_the_balance_of_weight_and_drag(name):
     terminal = np.sqrt(2.0 * model.mass.sum() * 9.81 / (AIR * area * drag))
     found = measure_fall(FallTest(name, 3.0))
     assert found.slowest <= found.speed <= found.fastest
+    # a steady glide, not the length of its way
+    assert 0.0 < found.drift < 1.4 * found.speed
     # no pose meets more air than this one; one that tilts falls faster
     assert 0.95 < found.speed / terminal < 1.2
 

@@ -80,11 +80,12 @@ class FallTest:
 @dataclass(frozen=True)
 class Fall:
     """Outcome of a FallTest, over the second half of its duration. speed: m/s, mean of the centre
-    of mass, downwards; slowest, fastest: m/s, of its steps."""
+    of mass, downwards; slowest, fastest: m/s, of its steps; drift: m/s, mean of its level speed."""
 
     speed: float
     slowest: float
     fastest: float
+    drift: float
 
 
 def find_feather_modes(
@@ -139,13 +140,14 @@ def measure_fall(test: FallTest, preset_folders: tuple[str | Path, ...] = ()) ->
     state = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
     solver = Solver(model, Settings(tolerance=test.tolerance, newton=0.01 * test.tolerance))
     steps = max(2, round(test.duration * _STEPS_PER_SECOND))
-    heights, mass = [], model.mass[0] / model.mass[0].sum()
+    centres, mass = [], model.mass[0] / model.mass[0].sum()
     for _ in range(steps):
-        heights.append(np.sum(mass * state.points.nodes[0, :, :, 2]))
+        centres.append(np.einsum("ip,ipx->x", mass, state.points.nodes[0]))
         state, report = solver.step(state, loads, hold_roots(state), test.duration / steps)
         raise_if_failed(report.status, state.time, [test.kind])
-    speeds = -np.diff(heights)[steps // 2 :] / (test.duration / steps)
-    return Fall(float(speeds.mean()), float(speeds.min()), float(speeds.max()))
+    velocity = np.diff(centres, axis=0)[steps // 2 :] / (test.duration / steps)
+    speeds, level = -velocity[:, 2], np.hypot(velocity[:, 0], velocity[:, 1])
+    return Fall(*map(float, (speeds.mean(), speeds.min(), speeds.max(), level.mean())))
 
 
 def _air() -> Array:
