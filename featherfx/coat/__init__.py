@@ -16,7 +16,7 @@ Interface
     forms.make_plane_forms(nodes, directors, ...) -> PlaneForms
     coat.grow_coat(mesh, follicles) -> Coat                   fields and follicles, constant
     coat.stack(coat, footprints) -> Coat                      the same with overlapping leaves apart
-    coat.draw(coat, carrier, forms, numbers, lift) -> DrawnLeaves
+    coat.draw(coat, carrier, forms, numbers) -> LeafArrays
 A moving skin carries all of it: pose the carrier and draw again. Related: Bangay 2007 (coats along
 field lines), Liu et al. 2015 (height field in growth order).
 

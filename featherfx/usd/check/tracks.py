@@ -285,8 +285,8 @@ def _find_strands(shape: MeshShape, owner: Indices) -> Strands:
     along = np.flatnonzero(np.diff(of_ring) == 0)  # from one ring to the next
     # of the vanes, edges between points of one row, outwards
     corners = shape.triangles[~tube]
-    edges = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
-    edges = edges[row[edges[:, 0]] == row[edges[:, 1]]]
+    sides = (corners[:, ends] for ends in ([0, 1], [1, 2], [2, 0]))
+    edges = np.concatenate([each[row[each[:, 0]] == row[each[:, 1]]] for each in sides])
     out = np.abs(shape.st[:, 0].astype(np.float64) - _ON_RACHIS)
     edges = np.sort(edges, axis=1)  # places on a tie by their numbers, so that no chain is a ring
     order = np.argsort(out[edges], axis=1, kind="stable")
