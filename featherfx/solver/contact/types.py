@@ -21,12 +21,14 @@ RIM_SAMPLES = 4
 # start and now; thickness: sum of both halves, less Candidates.depth; spared: of a depth that was
 # there at the start.
 # Forces, N, that guest and host feel; stiffness, N/m, of the spring that each of them is pressed
-# against; leeway: m, misfit that rounds may leave. place_start, place_now: m, of the host's point.
+# against, and stiffest: that it may become; leeway: m, misfit that rounds may leave; before: m, its
+# gap one solve ago. place_start, place_now: m, of the host's point.
 CONTACT_DTYPE = np.dtype(
     [(name, "i8") for name in ("pair", "row", "column", "point", "guest", "host", "side", "mirror")]
     + [("corner", "i8", (3, 2)), ("weight", "f8", (3,)), ("normal", "f8", (3,))]
     + [(name, "f8") for name in ("start_gap", "gap", "thickness", "spared", "fraction")]
-    + [(name, "f8") for name in ("guest_force", "host_force", "stiffness", "leeway")]
+    + [(name, "f8") for name in ("guest_force", "host_force", "stiffness", "stiffest")]
+    + [(name, "f8") for name in ("leeway", "before")]
     + [("place_start", "f8", (3,)), ("place_now", "f8", (3,))]
 )
 # (K,) of CONTACT_DTYPE
