@@ -295,7 +295,7 @@ def _find_strands(shape: MeshShape, owner: Indices) -> Strands:
     barb = np.arange(len(row))
     inner = out[edges[:, 0]] > 0.0
     barb[edges[inner, 1]] = edges[inner, 0]
-    while (before := barb[barb]).tolist() != barb.tolist():
+    while not np.array_equal(before := barb[barb], barb):
         barb = before
     edges = edges[np.argsort(barb[edges[:, 1]], kind="stable")]
     barbs, first = np.unique(barb[edges[:, 1]], return_index=True)
