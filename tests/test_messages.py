@@ -124,6 +124,27 @@ def test_a_command_prints_a_problem_as_sentences(tmp_path, end):
     assert as_sentence("did you mean 'a'?") == "did you mean 'a'?"
 
 
+@pytest.mark.parametrize(
+    ("key", "line"),
+    [
+        ("bird.type", 2),
+        ("bird.landmarks.beak[0]", 4),
+        ("bird.landmarks.tail", 3),
+        ('bird.type.colours."breast*".base', 2),
+        ("region[1].flow.away", 10),
+        ("region[0].flow.away", 6),
+        ("region[1].where[0].sphere", 8),
+    ],
+)
+def test_keys_of_tables_in_tables_are_told_by_their_own_lines(tmp_path, key, line):
+    groom = tmp_path / "groom.toml"
+    groom.write_text(
+        "[bird]\ntype = 'owl'\n[bird.landmarks]\nbeak = [nan, 0, 0]\n"
+        "[[region]]\nflow = { away = 1 }\n\n[[region]]\n[region.flow]\naway = 2\n"
+    )
+    assert located(Problem(str(groom), key, "x. Give y")).startswith(f"{groom}:{line}: ")
+
+
 if __name__ == "__main__":
     for file, line, text in every_message():
         print(f"{file}:{line}: {as_sentence(text)}")

@@ -108,7 +108,7 @@ class Library:
         found = self.find(family, name, start)
         where = Place(base.source, place.key, self.problems)
         if found is None and start:
-            where.refuse(f"preset cycle: {name} -> {name}")
+            where.refuse(f"preset cycle: {name} -> {name}. Give it another base")
         if found is None:
             where.refuse(where.meant(f"no {family} preset '{name}'", name, self.names(family)))
         path = found[0]
@@ -117,7 +117,7 @@ class Library:
         if any(path == each for _, each in chain):
             names = [each for each, _ in chain]
             loop = [*names[[p for _, p in chain].index(path) :], name]
-            where.refuse("preset cycle: " + " -> ".join(loop))
+            where.refuse(f"preset cycle: {' -> '.join(loop)}. Give one of them another base")
         return self.load_file(family, path, chain)
 
     def _folder_number(self, path: Path, family: str) -> int:

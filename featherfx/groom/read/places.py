@@ -9,7 +9,8 @@ from pathlib import Path
 from featherfx.errors import Problem, as_sentence
 from featherfx.limits import irregular
 
-_KEY = re.compile(r"(?P<table>\w+)(?:\[(?P<number>\d+)\])?(?:\.(?P<leaf>\w+))?")
+_KEY = re.compile(r"(?P<table>\w+)(?:\[(?P<number>\d+)\])?(?P<below>.*)", re.DOTALL)
+_BELOW = re.compile(r'\.(?:"([^"]*)"|([\w-]+))')
 _MAX_BYTES = 1_000_000  # of a file that is looked through once more for each of its problems
 _HEADER = re.compile(r"\s*\[")
 
@@ -17,7 +18,7 @@ _HEADER = re.compile(r"\s*\[")
 def located(problem: Problem) -> str:
     """Print a problem in one line, with the line of its key and the id of its entry if found.
 
-    Keys are found where a line of their own holds them, as `[[row]]` and `count =`.
+    Keys are found where a line of their own holds them, as `[[row]]`, `[bird.tail]` and `count =`.
     """
     match, path = _KEY.match(problem.key), Path(problem.source)
     if match is None or path.suffix != ".toml" or irregular(path):
@@ -28,12 +29,12 @@ def located(problem: Problem) -> str:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, ValueError):
         return as_sentence(str(problem))
-    table, number, leaf = match["table"], match["number"], match["leaf"]
+    table, number = match["table"], match["number"]
     line = found = _entry(lines, table, number)
     name = None
     if found is not None:
-        line = _assigned(lines, found + 1, leaf) if leaf else found
-        line, name = found if line is None else line, _name(lines, found + 1)
+        below = [quoted or bare for quoted, bare in _BELOW.findall(match["below"])]
+        line, name = _deepest(lines, found, table, below), _name(lines, found + 1)
     else:  # a value, or a part of one
         line = _assigned(lines, 0, table)
     if line is None:
@@ -51,9 +52,26 @@ def _entry(lines: list[str], table: str, number: str | None) -> int | None:
     return found[index] if index < len(found) else None
 
 
+def _deepest(lines: list[str], start: int, table: str, below: list[str]) -> int:
+    """The line, from 0, of the last key below a table at a line that is set or heads a table."""
+    line, title = start, table
+    own = re.compile(rf"\s*\[\[\s*{table}\s*\]\]")
+    last = next((k for k in range(start + 1, len(lines)) if own.match(lines[k])), len(lines))
+    for key in below:
+        title += rf'\s*\.\s*"?{re.escape(key)}"?'
+        if (found := _assigned(lines, line + 1, key)) is not None:
+            return found
+        header = re.compile(rf"\s*\[\s*{title}\s*\]\s*(#.*)?")
+        heads = [k for k in range(start + 1, last) if header.fullmatch(lines[k])]
+        if not heads:
+            return line
+        line = heads[0]
+    return line
+
+
 def _assigned(lines: list[str], start: int, key: str) -> int | None:
     """The line, from 0, in which a key is set, before the next header."""
-    assigned = re.compile(rf"\s*{key}\s*[=.]")
+    assigned = re.compile(rf'\s*"?{re.escape(key)}"?\s*[=.]')
     for k in range(start, len(lines)):
         if _HEADER.match(lines[k]) and "=" not in lines[k]:
             return None
