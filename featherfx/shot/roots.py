@@ -1,7 +1,7 @@
 """Root frames at any time: what every source of motion answers, and rates made of it.
 
 The frame loop asks a `Roots` and nothing else. Sources: a skin (skin.py), or joints (joints.py)
-whose poses come from a wing beat (flap.py), from keyframes (keys.py), or are held or shaken.
+whose poses come from a wing beat (beat.py), from keyframes (keys.py), or are held or shaken.
 """
 
 from __future__ import annotations

@@ -165,12 +165,7 @@ def test_a_map_of_joints_that_cannot_be(shot, tmp_path, before, after, message):
     assert len(told.value.problems) == 1
 
 
-@pytest.mark.parametrize("share", [1.0, 0.5])
-def test_a_head_stays_level_and_does_not_heave(tmp_path, share):
-    """Against the same act without heave and pitch of the beats; legs stand as keyframes say."""
-    write_bird(tmp_path)
-    head = SHOT.partition("[motion.joints]")[0]
-    text = f"""{head}steady_head = {share}
+STEADY = """steady_head = SHARE
 [motion.joints]
 neck = "arm"
 head = "root/arm/fore"
@@ -178,8 +173,8 @@ left_leg = "tip"
 [[motion.motions]]
 kind = "keys"
 keyframes = [
-  {{ time = 0, rotation = [0, -40, 0], position = [0.3, 0, 0] }},
-  {{ time = 0, joint = "left_leg", rotation = [0, 70, 0] }},
+  { time = 0, rotation = [0, -40, 0], position = [0.3, 0, 0] },
+  { time = 0, joint = "left_leg", rotation = [0, 70, 0] },
 ]
 [[motion.motions]]
 base = "pigeon_beat"
@@ -188,6 +183,15 @@ wingbeat_frequency = 4
 heave = HEAVE
 pitch = PITCH
 """
+
+
+@pytest.mark.parametrize("share", [1.0, 0.5])
+def test_a_head_stays_level_and_does_not_heave(tmp_path, share, monkeypatch):
+    """Against the same act without heave and pitch of the beats; legs stand as keyframes say."""
+    write_bird(tmp_path)
+    head = SHOT.partition("[motion.joints]")[0]
+    text = head + STEADY.replace("SHARE", str(share))
+    monkeypatch.setattr("featherfx.shot.motion.steady_head._FARTHEST", 10.0)  # a long neck
     found = {}
     whole, part = (
         text.replace("steady", "size = 0.5\nsteady"),
@@ -221,3 +225,20 @@ pitch = PITCH
     np.testing.assert_allclose(
         turned, np.tile(from_angles((0, 70, 0), "xyz"), (49, 1, 1)), atol=1e-9
     )
+
+
+def test_a_short_neck_takes_its_head_along(tmp_path):
+    """Beyond a twentieth of the neck's length by a hyperbolic tangent."""
+    write_bird(tmp_path)
+    text = SHOT.partition("[motion.joints]")[0] + STEADY.replace("SHARE", "1")
+    text = text.replace("[0, -40, 0]", "[0, 0, 0]").replace("PITCH", "0")
+    (tmp_path / "calm.toml").write_text(text.replace("HEAVE", "0"))
+    (tmp_path / "shot.toml").write_text(text.replace("HEAVE", "1"))
+    calm, own = (find_tracks(featherfx.read_shot(tmp_path / f"{k}.toml")) for k in ("calm", "shot"))
+    neck, head = (own.names.index(name) for name in ("neck", "head"))
+    free = 0.05 * np.linalg.norm(calm.positions[0, head] - calm.positions[0, neck])
+    body, found = ((own.positions - calm.positions)[:, k, 2] for k in (0, head))
+    beyond = np.maximum(np.abs(body) / free - 1.0, 0.0)
+    way = np.where(beyond > 0.0, free * (1.0 + np.tanh(beyond)), np.abs(body))
+    assert beyond.max() > 1.0
+    np.testing.assert_allclose(found, body - np.sign(body) * way, atol=1e-9)

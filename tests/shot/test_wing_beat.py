@@ -13,7 +13,7 @@ from test_bird_motions import BIRD, SHOT, read
 
 from featherfx.errors import InputError, InputWarning
 from featherfx.shot.motion.joint_tracks import find_tracks
-from featherfx.shot.motion.joints import skeleton_of
+from featherfx.shot.motion.joints import joint_roots, skeleton_of
 from featherfx.shot.motion.motion import joint_poses
 from featherfx.shot.read.read import read_shot
 
@@ -265,3 +265,34 @@ def test_motions_fold_no_wing_farther_than_it_goes(tmp_path, species, name):
 def test_motions_too_fast_for_the_frames_are_told(tmp_path, motion, told):
     with pytest.warns(InputWarning, match=f"{told} a second.*Give more than 28 frames"):
         read(tmp_path, motion)
+
+
+def slab(top):
+    """(T, 3, 3) m, faces of a broad body, seen from above."""
+    x, y = (each.ravel() for each in np.meshgrid(*[np.linspace(-0.1, 0.1, 61)] * 2))
+    corners = np.array([(0.0, 0.0, 0.0), (0.01, 0.0, 0.0), (0.0, 0.01, 0.0)])
+    return np.stack([x, y, np.full_like(x, top)], axis=1)[:, None] + corners
+
+
+def test_a_stroke_ends_above_a_broad_body_and_no_higher_than_it_needs(tmp_path):
+    shot = read(tmp_path, BEAT.format("stroke_amplitude = 120\nstroke_plane = 0"))
+    wings = [each for each in shot.groom.feathers if "wing" in each.joint]
+    own = [each for each in wings if not each.joint.endswith("wrist")]
+    groom, skeleton = replace(shot.groom, feathers=tuple(own)), skeleton_of(shot.groom)
+    size = np.array([(each.kind.length, each.kind.width / 2.0) for each in own])
+
+    def lowest(top):
+        beside = replace(shot, groom=replace(shot.groom, skin=slab(top)))
+        roots = joint_roots(groom, skeleton, joint_poses(shot.motion, beside, skeleton))
+        frames = [roots.frames(time) for time in np.linspace(0.0, 1 / 6, 33)]
+        ends = (size * f.rotations[:, 2, :2] * (1.0, side) for f in frames for side in (1, -1))
+        heights = [f.positions[:, 2] for f in frames for _ in range(2)]
+        return min(
+            float((height + end.sum(axis=1)).min())
+            for height, end in zip(heights, ends, strict=True)
+        )
+
+    shoulder = shot.groom.joints[0].position[2]
+    far, low, high = (lowest(shoulder - below) for below in (0.2, 0.03, 0.02))
+    assert far < shoulder - 0.035
+    assert shoulder - 0.03 < low < shoulder - 0.02 < high < shoulder - 0.01

@@ -325,7 +325,8 @@ MOTION_KEYS: dict[str, dict[str, Key]] = {
         "beats": Key(Number(0, 1e6), "Beats until the wing rests; 0: no end.", 0.0),
         "stroke_amplitude": _changing(
             Number(0, 180, "deg"),
-            "Angle between top and bottom of the stroke, to which `elevation` is scaled.",
+            "Angle between top and bottom of the stroke, to which `elevation` is scaled. Beside a "
+            "skin the bottom is raised as far as inner feathers need to keep off it.",
         ),
         "downstroke": _changing(
             Number(0.1, 0.9), "Share of a beat's time in which the wing falls.", 0.5

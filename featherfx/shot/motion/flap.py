@@ -1,301 +1,31 @@
-"""The procedural wing beat: joint angles over a beat's phase; and folding.
+"""Poses of a groom whose wings beat (beat.py), and of wings, tails and crests that fold.
 
-Frame: x forward, y to the left, z up. Phase p runs from 0 to 1 over a beat: 0 is the top of the
-stroke, 1/2 its bottom. A beat whose downstroke takes the fraction d of its time t has
-
-    tan(pi (p - 1/4)) = tan(pi (t - d/2)) / tan(pi d/2),
-
-a smooth map of the circle onto itself. Angles are curves over the phase: Fourier series, or
-monotone cubics through keys. Positive angles, on either side, turn the left wing by
-
-    shoulder  R_x(elevation) R_z(sweep) R_y(twist)    raise it, lead it back, lower its leading edge
-    elbow     folds the forearm forwards
-    wrist     folds the hand backwards
-    tip       turns the hand over about its length, in the upstroke
-
-The stroke a of an arm runs in a plane that leans back by s against the body's transverse plane,
-
-    sin(sweep) = sin(a) sin(s),    tan(elevation) = tan(a) cos(s).
-
-Elbow and wrist turn about their own hinges, where they have any, as those of wings from one table:
-in the wing's plane feathers stay over each other. Those of other joints lean from the vertical, so
-that a folding wing also flexes downwards. The reach of a wing is how far its farthest tip is from
-the line through the shoulder along the body. The span ratio is the reach in the middle of the
-upstroke over that in the middle of the downstroke; both folds are scaled to it.
-
-A body heaves under the lift of its wings. Quasi-steady, all of it in the downstroke, as of slow
-flight (Tobalske 2007, Journal of Experimental Biology 210: 3135-3146), a half sine of time, with
-the weight as its mean over a beat of frequency f:
-
-    z'' = g (pi / (2 d) sin(pi t / d) - 1)  for t < d,    z'' = -g  for t > d,    z = g / f^2 h(t)
-
-with t in beats. h is the integral whose mean and whose rate's mean are 0. That a half sine has no
-lift left for the upstroke, nor drag for its wings, is an estimate. A body pitches about the middle
-between its shoulders.
-
-A motion starts, and after its beats ends, at rest: within a quarter of a beat the phase catches up
-with time. The phase is the integral of the frequency, and numbers that change over time do so
-smoothly: modes of flight follow each other without a jump.
-
-Wings, tails and crests that open and close turn their joints about their hinges over time.
+They open and close by turns of their joints about their hinges over time.
 """
 
 from __future__ import annotations
 
 import fnmatch
-import math
-import warnings
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from featherfx.algebra.interpolation import eased, eased_integral, monotone, smooth_step
+from featherfx.algebra.interpolation import eased
 from featherfx.algebra.rotation import from_rotation_vector
-from featherfx.algebra.types import Array
-from featherfx.errors import InputWarning, Problem
-from featherfx.groom.types import Groom, Joint
-from featherfx.shot.motion.act import PoseComposer
+from featherfx.errors import Problem
+from featherfx.groom.types import Groom
+from featherfx.shot.motion.beat import Flap, Wings, track_of
+from featherfx.shot.motion.flap_fits import BeatFit
 from featherfx.shot.motion.joints import (
     JointPoses,
-    JointRoots,
     MissingJointError,
     PosesOverTime,
     Skeleton,
-    joint_roots,
-    opened_poses,
     still_poses,
 )
 from featherfx.shot.types import Motion, Shot
-
-_HINGE_LEAN = math.radians(20.0)
-_RAMP = 0.25  # of a beat
-_MAX_BEND = math.radians(150.0)  # of an elbow or wrist without a hinge
-_BISECTIONS = 24  # of a factor of folds
-# What mirroring at the plane of symmetry (y -> -y) does to the entries of a rotation matrix.
-MIRROR = np.outer((1.0, -1.0, 1.0), (1.0, -1.0, 1.0))
-
-# samples of a beat, by which extremes of curves are found
-_SAMPLES = 256
-_CURVES = ("elevation", "sweep", "twist", "elbow", "wrist")
-# numbers in degrees that may change over time, and all of them
-_TURNS = ("stroke_amplitude", "stroke_plane", "tip_reversal", "turn")
-_NUMBERS = ("wingbeat_frequency", "downstroke", "heave", "pitch", *_TURNS)
-# an angle in degrees at a phase from 0 to 1
-_Curve = Callable[[float], float]
-# times (s) and values
-_Track = tuple[Sequence[float], Sequence[float]]
-
-
-def _curve(given: float | Mapping[str, Any] | Sequence[Sequence[float]]) -> _Curve:
-    """The curve that a key of a flap describes: a number, a Fourier series or keys."""
-    if isinstance(given, int | float):
-        return lambda _: given
-    if isinstance(given, Mapping):
-        mean, harmonics = (
-            given["mean"],
-            np.array(given["harmonics"], dtype=np.float64).reshape(-1, 2),
-        )
-        orders = 2.0 * math.pi * np.arange(1, len(harmonics) + 1)
-
-        def series(phase: float) -> float:
-            turns = orders * phase
-            return float(mean + np.cos(turns) @ harmonics[:, 0] + np.sin(turns) @ harmonics[:, 1])
-
-        return series
-    phases, values = np.array(given).T
-    # three beats side by side, of which the middle one counts
-    places = np.concatenate([phases - 1.0, phases, phases + 1.0])
-    angles = np.tile(values, 3)[:, None]
-    return lambda phase: float(monotone(places, angles, np.array([phase]))[0, 0])
-
-
-def _track(given: float | Sequence[tuple[float, float]]) -> _Track:
-    """Times (s) and values of a number that may change over time."""
-    if isinstance(given, int | float):
-        return (0.0,), (float(given),)
-    times, values = zip(*given, strict=True)
-    return times, values
-
-
-def _caught_up(beats: float, ramp: float) -> float:
-    """Beats done after a start from rest; equal to beats once the ramp is over, C2."""
-    return beats * smooth_step(beats / ramp)
-
-
-class _Angles(NamedTuple):
-    """Angles of a wing, rad. tip: by which the hand is turned over."""
-
-    elevation: float
-    sweep: float
-    twist: float
-    elbow: float
-    wrist: float
-    tip: float
-
-
-@dataclass(frozen=True)
-class Flap:
-    """A wing beat. curves: by joint. numbers: times (s) and values of those that may change.
-
-    middle, half: of the stroke's curve. beats: after which the wing rests; 0: it beats on and on.
-
-    fold_factors: times (s) and factors of the folds of elbow and wrist.
-    """
-
-    curves: Mapping[str, _Curve]
-    numbers: Mapping[str, _Track]
-    middle: float
-    half: float
-    beats: float
-    fold_factors: _Track = ((0.0,), (1.0,))
-
-    @classmethod
-    def read(cls, values: Mapping[str, Any]) -> Flap:
-        """Make the beat that values of a motion describe, by their names in the shot file."""
-        curves = {name: _curve(values[name]) for name in _CURVES}
-        stroke = [curves["elevation"](k / _SAMPLES) for k in range(_SAMPLES)]
-        low, high = min(stroke), max(stroke)
-        numbers = {name: _track(values[name]) for name in _NUMBERS}
-        return cls(curves, numbers, 0.5 * (low + high), 0.5 * (high - low), values["beats"])
-
-    def phase(self, time: float) -> float:
-        """Return the phase, whole beats included, at a time (s)."""
-        return _warped(self._beats_done(time), eased(*self.numbers["downstroke"], time))
-
-    def heave(self, time: float, gravity: float) -> tuple[float, float]:
-        """Return height (m) and pitch (rad, nose up) of the body over their means at a time (s).
-
-        The lift that heaves the body acts at a constant lever, so that both go alike. gravity:
-        m/s2.
-        """
-        share, pitch = (eased(*self.numbers[name], time) for name in ("heave", "pitch"))
-        if share == 0.0 == pitch:
-            return 0.0, 0.0
-        frequency = eased(*self.numbers["wingbeat_frequency"], time)
-        downstroke = eased(*self.numbers["downstroke"], time)
-        height = _heave(self._beats_done(time) % 1.0, downstroke)
-        whole = np.ptp([_heave(k / _SAMPLES, downstroke) for k in range(_SAMPLES)])
-        return share * gravity / frequency**2 * height, math.radians(pitch) * height / float(whole)
-
-    def _beats_done(self, time: float) -> float:
-        since = (eased_integral(*self.numbers["wingbeat_frequency"], each) for each in (time, 0.0))
-        done = max(next(since) - next(since), 0.0)
-        if self.beats <= 0.0:
-            beats = _caught_up(done, _RAMP)
-        elif done >= self.beats:
-            beats = self.beats
-        else:
-            ramp = min(_RAMP, 0.5 * self.beats)
-            is_early = done < 0.5 * self.beats
-            left = self.beats - _caught_up(self.beats - done, ramp)
-            beats = _caught_up(done, ramp) if is_early else left
-        return beats
-
-    def angles(self, phase: float, time: float, inside: float, factor: float) -> _Angles:
-        """Return the angles of a wing. inside: 1 of the wing inside a turn, -1 outside. factor: of
-        the folds."""
-        number = {name: math.radians(eased(*self.numbers[name], time)) for name in _TURNS}
-        at = {name: math.radians(curve(phase % 1.0)) for name, curve in self.curves.items()}
-        middle = math.radians(self.middle)
-        beat = (at["elevation"] - middle) / math.radians(self.half) if self.half else 0.0
-        arm, lean = middle + 0.5 * beat * number["stroke_amplitude"], number["stroke_plane"]
-        turn = inside * number["turn"]
-        upstroke = max(-math.sin(2.0 * math.pi * phase), 0.0)
-        return _Angles(
-            math.atan2(math.sin(arm) * math.cos(lean), math.cos(arm)),
-            math.asin(math.sin(arm) * math.sin(lean)) + at["sweep"] + turn,
-            at["twist"] + turn,
-            factor * at["elbow"],
-            factor * at["wrist"],
-            number["tip_reversal"] * upstroke**3,
-        )
-
-
-def _warped(beats: float, downstroke: float) -> float:
-    """Phase, whole beats included, of a beat whose downstroke takes a fraction of its time."""
-    if downstroke == 0.5:
-        return beats
-    quarter = 0.5 * downstroke
-    whole = math.floor(beats - quarter + 0.5)
-    tangent = math.tan(math.pi * (beats - quarter - whole)) / math.tan(math.pi * quarter)
-    return whole + 0.25 + math.atan(tangent) / math.pi
-
-
-def _heave(time: float, downstroke: float) -> float:
-    """h at a time in beats, from 0 to 1."""
-    d = downstroke
-    rate = -0.5 * (1.0 - d)
-    falling = d**2 / 4.0 - d**3 / 6.0 + rate * d**2 / 2.0 - d**2 / math.pi**2
-    rising = 0.5 * (1.0 + rate) * (1.0 - d**2) - (1.0 - d**3) / 6.0 - 0.5 * d * (1.0 - d)
-    found = -falling - rising - 0.5 * time**2 + rate * time
-    if time < d:
-        return found + 0.5 * time - d / (2.0 * math.pi) * math.sin(math.pi * time / d)
-    return found + time - 0.5 * d
-
-
-@dataclass(frozen=True)
-class _Wings:
-    """Joints of a groom that beat. hinges, hands: by number of the joint, of those that have one.
-
-    In opened wings and the groom's axes: the hinge's turn (rad), the direction of the hand."""
-
-    joints: Sequence[Joint]
-    hinges: Mapping[int, Array]
-    hands: Mapping[int, Array]
-
-    @classmethod
-    def find(cls, groom: Groom, skeleton: Skeleton) -> _Wings:
-        carriers, _ = skeleton.carriers(opened_poses(groom))
-        hinges, hands = {}, {}
-        for number, joint in enumerate(groom.joints, 1):
-            hinge = joint.hinge
-            if (
-                joint.side
-                and joint.role in ("elbow", "wrist")
-                and hinge is not None
-                and hinge.any()
-            ):
-                hinges[number] = carriers[number] @ hinge
-                if joint.bone is not None:
-                    hand = carriers[number] @ (np.asarray(joint.bone) - joint.position)
-                    hands[number] = hand / np.linalg.norm(hand)
-        return cls(groom.joints, hinges, hands)
-
-    def poses(self, flap: Flap, phase: float, time: float, factor: float) -> JointPoses:
-        """Return the poses of all joints at a phase of the beat."""
-        wings = {side: flap.angles(phase, time, side, factor) for side in (1, -1)}
-        found = still_poses(len(self.joints) + 1)
-        for number, joint in enumerate(self.joints, 1):
-            if not joint.side or joint.role == "body":
-                continue
-            angles = wings[joint.side]
-            if number not in self.hinges:
-                turn = _turn(joint.role, angles)
-                found.rotations[number] = turn if joint.side > 0 else turn * MIRROR
-                continue
-            hinge, bend = self.hinges[number], getattr(angles, joint.role)
-            whole = float(np.linalg.norm(hinge))
-            found.bends[number] = bend / whole
-            if joint.role == "wrist" and angles.tip and number in self.hands:
-                hand = from_rotation_vector(bend / whole * hinge) @ self.hands[number]
-                found.rotations[number] = from_rotation_vector(-joint.side * angles.tip * hand)
-        return found
-
-
-def _turn(role: str, angles: _Angles) -> Array:
-    """(3, 3) turn of a joint of the left wing that has no hinge."""
-    about_x, about_y, about_z = np.eye(3)
-    if role == "shoulder":
-        raised = from_rotation_vector(angles.elevation * about_x)
-        swept = from_rotation_vector(angles.sweep * about_z)
-        return raised @ swept @ from_rotation_vector(angles.twist * about_y)
-    lean = np.array((-math.sin(_HINGE_LEAN), 0.0, math.cos(_HINGE_LEAN)))
-    if role == "elbow":
-        return from_rotation_vector(angles.elbow * lean * (1.0, 0.0, -1.0))
-    return from_rotation_vector(angles.wrist * lean) @ from_rotation_vector(-angles.tip * about_y)
 
 
 def flapping(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
@@ -309,12 +39,13 @@ def flapping(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
     if not any(joint.role == "shoulder" and joint.side for joint in groom.joints):
         message = 'a flap needs a joint with role = "shoulder" and side = 1 or -1 in the groom'
         raise MissingJointError(Problem(source, "motion.kind", message))
-    flap, wings = Flap.read(motion.values), _Wings.find(groom, skeleton)
+    flap, wings = Flap.read(motion.values), Wings.find(groom, skeleton)
     if motion.values["span_ratio"] is not None:
-        times, ratios = _track(motion.values["span_ratio"])
-        fit = _SpanFit(flap, wings, groom, skeleton, source)
+        times, ratios = track_of(motion.values["span_ratio"])
+        fit = BeatFit(flap, wings, groom, skeleton, source)
         flap = replace(flap, fold_factors=(times, [fit.factor(each) for each in ratios]))
-
+    if groom.skin is not None:
+        flap = replace(flap, raised=BeatFit(flap, wings, groom, skeleton, source).raised())
     weight = float(np.linalg.norm(shot.gravity))
     up = -shot.gravity / weight if weight else np.zeros(3)
     shoulders = [each.position for each in groom.joints if each.role == "shoulder" and each.side]
@@ -329,67 +60,6 @@ def flapping(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
         return found
 
     return poses
-
-
-@dataclass(frozen=True)
-class _SpanFit:
-    """The folds by which wings of a groom that beat have a span ratio. source: for messages."""
-
-    flap: Flap
-    wings: _Wings
-    groom: Groom
-    skeleton: Skeleton
-    source: str
-
-    def factor(self, ratio: float) -> float:
-        """Return the factor of the folds; where wings do not fold so far, the largest, and warn."""
-        phases = [k / _SAMPLES for k in range(_SAMPLES)]
-        farthest = [
-            max(abs(math.radians(self.flap.curves[joint.role](phase))) for phase in phases)
-            / (float(np.linalg.norm(self.wings.hinges.get(number, 0.0))) or _MAX_BEND)
-            for number, joint in enumerate(self.groom.joints, 1)
-            if joint.side and joint.role in ("elbow", "wrist")
-        ]
-        high = 1.0 / max(farthest) if any(farthest) else 0.0
-        if self._ratio(high) > ratio:
-            least = f"{math.ceil(100.0 * self._ratio(high)) / 100.0:g}"
-            message = f"motion.span_ratio: {ratio:g} is less than these wings reach, folded as far"
-            message += f" as they go; {least} is taken. Give as much, or more of elbow and wrist"
-            warnings.warn(f"{self.source}: {message}", InputWarning, stacklevel=2)
-            return high
-        low = 0.0
-        for _ in range(_BISECTIONS):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if self._ratio(middle) > ratio else (low, middle)
-        return high
-
-    def _ratio(self, factor: float) -> float:
-        """Reach in the middle of the upstroke over that in the middle of the downstroke."""
-        down, up = (self._reach(phase, factor) for phase in (0.25, 0.75))
-        return up / down
-
-    def _reach(self, phase: float, factor: float) -> float:
-        beat = self.wings.poses(self.flap, phase, 0.0, factor)
-        pose = PoseComposer.of(self.skeleton)(opened_poses(self.groom), beat)
-        roots, lengths, shoulder = self._wing
-        frames = replace(roots, poses=lambda _: pose).frames(0.0)
-        away = frames.positions + lengths[:, None] * frames.rotations[:, :, 0] - shoulder
-        return float(np.linalg.norm(away[:, 1:], axis=1).max(initial=1e-12))
-
-    @cached_property
-    def _wing(self) -> tuple[JointRoots, Array, Array]:
-        """Roots of the feathers of one wing; (W,) m, lengths; (3,) m, its shoulder."""
-        number, shoulder = next(
-            (k, each)
-            for k, each in enumerate(self.groom.joints, 1)
-            if each.role == "shoulder" and each.side
-        )
-        borne = {self.skeleton.names[k] for k in self.skeleton.below(number)}
-        own = tuple(each for each in self.groom.feathers if each.joint in borne)
-        still = still_poses(len(self.skeleton.names))
-        groom = replace(self.groom, feathers=own)
-        roots = joint_roots(groom, self.skeleton, lambda _: still)
-        return roots, np.array([each.kind.length for each in own]), np.asarray(shoulder.position)
 
 
 def folded(motion: Motion, shot: Shot, _skeleton: Skeleton) -> PosesOverTime:

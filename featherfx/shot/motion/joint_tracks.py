@@ -5,9 +5,9 @@ the left wing
 
     R = R_x(elevation) R_z(sweep) R_y(twist),
 
-as a flap composes them (flap.py); on the right one from the mirror image. Elbow and wrist are their
+as a flap composes them (beat.py); on the right one from the mirror image. Elbow and wrist are their
 folds about their hinges, without these their turns. The fan is 1 where the hand is open and 0 where
-it is folded. The span ratio is the reach of the wing (flap.py) over the largest one of the shot.
+it is folded. The span ratio is the reach of the wing (beat.py) over the largest one of the shot.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 from featherfx.algebra.rotation import frames_to_quats, rotation_vectors
 from featherfx.algebra.types import Array
 from featherfx.groom.types import Joint
-from featherfx.shot.motion.flap import MIRROR
+from featherfx.shot.motion.beat import MIRROR
 from featherfx.shot.motion.joints import joint_roots, opened_poses, skeleton_of
 from featherfx.shot.motion.motion import joint_poses
 from featherfx.shot.types import Shot

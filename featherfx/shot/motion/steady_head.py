@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from featherfx.algebra.interpolation import smooth_step
 from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.algebra.types import Array
 from featherfx.shot.motion.body_joints import HEAD, NECK
@@ -26,6 +27,7 @@ from featherfx.shot.motion.motion import scaled_turns
 _NECK_SHARE = 0.45  # of the turn that levels the head; by eye
 _LEVEL_SHARE = 0.3  # of a trunk's turn to level that the head takes back; by eye
 _NECK_WAY = 0.5  # of the way of the head, that the root of the neck goes along; by eye
+_FARTHEST = 0.05  # of the neck's length, w_0; by eye
 
 
 @dataclass(frozen=True)
@@ -49,11 +51,16 @@ class SteadyHead:
         goal = turns[head] @ pivots[head] + shifts[head]
         turns, shifts = self.skeleton.carriers(found)
         place = turns[head] @ pivots[head] + shifts[head]
-        goal = place + self.share * (goal - place)
-        above = turns[0]
+        way, above = self.share * (goal - place), turns[0]
         if NECK in names:
             neck = names.index(NECK)
-            way = _NECK_WAY * (goal - place)
+            free = _FARTHEST * float(np.linalg.norm(pivots[head] - pivots[neck]))
+            whole = float(np.linalg.norm(way))
+            if whole > free:
+                way = way * (free + free * math.tanh(whole / free - 1.0)) / whole
+        goal = place + way
+        if NECK in names:
+            way = _NECK_WAY * way
             found.displacements[neck] += turns[0].T @ way
             base, place = turns[neck] @ pivots[neck] + shifts[neck] + way, place + way
             turn = _turn_between(place - base, goal - base)
@@ -71,7 +78,10 @@ class SteadyHead:
         level = from_rotation_vector(np.array((0.0, 0.0, heading)))
         if self.level is not None:
             trunk = self.level(time).rotations[:1]
-            level = level @ scaled_turns(trunk, 1.0 - _LEVEL_SHARE)[0]
+            steady = self.calm(time).rotations[0]
+            down, most = (math.asin(np.clip(-each[2, 0], -1.0, 1.0)) for each in (steady, trunk[0]))
+            part = smooth_step(down / most) if most > 0.0 else 0.0
+            level = level @ scaled_turns(trunk, part * (1.0 - _LEVEL_SHARE))[0]
         back = scaled_turns((rotations[0].T @ level)[None], self.share)[0]
         whole = back @ rotations[names.index(NECK)] if NECK in names else back
         bent = np.eye(3)
