@@ -87,10 +87,16 @@ class BeatFit:
         return up / down
 
     def raised(self) -> Track:
-        """Return times (s) and rad, by which strokes end higher than their amplitude has them."""
+        """Return times (s) and rad, by which strokes end higher than their amplitude has them; from
+        a degree on, warn."""
         numbers = self.flap.numbers
         times = sorted({*numbers["stroke_amplitude"][0], *numbers["stroke_plane"][0]})
-        return times, [self._raise(time) for time in times]
+        found = [self._raise(time) for time in times]
+        if (most := math.degrees(max(found))) >= 1.0:
+            message = f"motion.stroke_amplitude: the bottom of strokes is raised by {most:.2g}"
+            message += " degrees: inner feathers would enter the body. Give a smaller amplitude"
+            warnings.warn(f"{self.source}: {message}", InputWarning, stacklevel=2)
+        return times, found
 
     def _raise(self, time: float) -> float:
         """Return rad, by which the bottom of a stroke that enters the body is raised, so that inner
@@ -109,7 +115,9 @@ class BeatFit:
         """m, between the body and feathers of arm and forearm, if it is less than they keep off."""
         flap = replace(self.flap, raised=((0.0,), (raised,)))
         feathers, roots, _ = self._inner
-        size = np.array([(each.kind.length, each.kind.width, 1.0) for each in feathers])
+        size = np.array([(each.kind.length, each.kind.width, 1.0) for each in feathers]).reshape(
+            -1, 3
+        )
         tree, centres, normals, clearance = self._body
         nearest = clearance
         for phase in phases:
