@@ -30,19 +30,19 @@ def test_groom_is_sound_and_has_no_time(rest):
     assert len(cache.feathers) == 20
 
 
-# one shot of the pigeon solves its layout, which takes seconds; others of whole birds are read
+# whole birds that are read alone
 FULL = ROOT / "samples/pigeon/full.toml"
 BIRDS = {FULL, ROOT / "samples/pigeon/groom.toml", *ROOT.glob("samples/first_bird/*.toml")}
 BIRDS |= {*ROOT.glob("samples/owl_flight/*.toml")}
 BIRDS |= {*ROOT.glob("samples/flock/*.toml")}
 CHECKED = sorted({*ROOT.glob("samples/*/*.toml")} - BIRDS)
-# whether its feathers keep apart at the start takes a quarter of a minute
-TOUCHING = ROOT / "samples/pigeon/contact.toml"
+# layouts of whole birds, and whether feathers keep apart at the start, take many seconds
+LONG = {*ROOT.glob("samples/peacock/*.toml"), *ROOT.glob("samples/pigeon/*.toml")}
 
 
 @pytest.mark.parametrize(
     "file",
-    [pytest.param(each, marks=[pytest.mark.nightly] * (each == TOUCHING)) for each in CHECKED],
+    [pytest.param(each, marks=[pytest.mark.nightly] * (each in LONG)) for each in CHECKED],
     ids=str,
 )
 def test_samples_pass_the_check(file):

@@ -19,7 +19,10 @@ def find_outcomes(tmp_path, *arguments):
     return found
 
 
-@pytest.mark.parametrize("kind", ["extreme", "pictures", "requests", "toml", "usd"])
+LONG = [pytest.param(each, marks=pytest.mark.nightly) for each in ("extreme", "requests")]
+
+
+@pytest.mark.parametrize("kind", ["pictures", "toml", "usd", *LONG])
 def test_damaged_inputs_are_done_or_refused(tmp_path, kind):
     found = find_outcomes(tmp_path, kind, "--cases", "12", "--seconds", "1", "--seed", "11")
     assert found["cases"] > 0

@@ -175,4 +175,4 @@ def test_compiling_takes_no_time_of_the_trials():
 
 def test_no_time_for_any_trial_is_told():
     with pytest.raises(InputError, match=r"--seconds: is over before two frames .* Give more"):
-        stats(SAMPLES / "breeze" / "shot.toml", budget=0.1)
+        stats(SAMPLES / "breeze" / "shot.toml", budget=0.01)

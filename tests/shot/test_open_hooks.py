@@ -145,6 +145,7 @@ def test_a_torn_vane_goes_on_from_a_checkpoint_to_the_bit(shot, run):
         np.testing.assert_array_equal(ours, theirs)
 
 
+@pytest.mark.nightly
 def test_a_torn_vane_that_sleeps_stays_torn(tmp_path):
     shot = replace(read_shot(write_shot(tmp_path, more="")), last_frame=60)
     found = []

@@ -298,6 +298,6 @@ def test_a_stroke_ends_above_a_broad_body_and_no_higher_than_it_needs(tmp_path):
         InputWarning, match=r"stroke_amplitude: the bottom .* by \d+ degrees"
     ) as told:
         low, high = (lowest(shoulder - below) for below in (0.03, 0.02))
-    assert len(told) == 2
+    assert len({str(each.message) for each in told}) == 2
     assert far < shoulder - 0.035
     assert shoulder - 0.03 < low < shoulder - 0.02 < high < shoulder - 0.01
