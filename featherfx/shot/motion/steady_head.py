@@ -3,8 +3,13 @@
 With the turn R of the body and its heading H, the turn about the vertical by which its axis points
 ahead, the head is turned by R^T H against the body. The neck takes a part of that, and then turns
 towards the place that the head has without heave and pitch of the beats. What is left of the way
-there is the head's. Of the turn L that levels a trunk (swings.py), which is the first, the head
-takes back a share alone, so that short necks do not fold: it is turned by R^T H L^(1 - share).
+there is the head's. Of a way w beyond w_0, a part of the neck's length, it goes
+
+    w_0 (1 + tanh(w / w_0 - 1)),
+
+so that short necks take their heads along. Of the turn L that levels a trunk (swings.py), which is
+the first, the head takes back a share alone, so that they do not fold: it is turned by R^T H L^a,
+a = s (1 - share), with s from 0 to 1 as the body without beats is pitched down from 0 to L.
 
 Source: Ros and Biewener, Pigeons (C. livia) follow their head during turning flight, Frontiers in
 Neuroscience 11 (2017) 655, summary: the head is steady while the body turns.
@@ -27,7 +32,7 @@ from featherfx.shot.motion.motion import scaled_turns
 _NECK_SHARE = 0.45  # of the turn that levels the head; by eye
 _LEVEL_SHARE = 0.3  # of a trunk's turn to level that the head takes back; by eye
 _NECK_WAY = 0.5  # of the way of the head, that the root of the neck goes along; by eye
-_FARTHEST = 0.05  # of the neck's length, w_0; by eye
+_FARTHEST = 0.05  # w_0, of the neck's length; by eye
 
 
 @dataclass(frozen=True)
