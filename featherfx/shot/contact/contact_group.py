@@ -150,11 +150,12 @@ class ContactGroup:
 
     def _resting(self, paths: Sequence[RootPath], loads: Sequence[Loads], duration: float) -> Flags:
         """(B,) feathers of all batches that nothing stirs, unless others push them."""
-        flags = []
-        for group, path, acting in zip(self.groups, paths, loads, strict=True):
+        flags, solver = [], self.contact.solver
+        left = np.split(solver.left_in_frame(), solver.grids.first[1:-1])
+        for k, (group, path, acting) in enumerate(zip(self.groups, paths, loads, strict=True)):
             quiet = is_undisturbed(group.state, path, acting, group.loads)
             if quiet.any():  # seldom where roots move, and what follows looks at all nodes
-                quiet &= is_at_rest(group.state, group.options.tolerance, duration)
+                quiet &= is_at_rest(group.state, group.options.tolerance, duration, left[k])
             flags.append(quiet & self._run.shot.sleep)
         return np.concatenate(flags)
 

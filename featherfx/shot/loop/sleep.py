@@ -2,7 +2,8 @@
 
 A feather falls asleep after a frame at whose end nothing in it moves: both its velocity v and its
 acceleration a are so small that v T and a T^2, T the frame's duration, stay far below the
-error tolerance (a vibration that is just turning round has v = 0, but not a). It sleeps on while
+error tolerance (a vibration that is just turning round has v = 0, but not a), or below what contact
+forces are off by in a frame. It sleeps on while
 what acts on it is what acted when it fell asleep: its root stands still where it stood, gravity
 and steady wind are the same, no gust blows and its grips do not move. Anything else wakes it in
 the same frame, before the step, so that no motion is missed.
@@ -21,9 +22,10 @@ from featherfx.solver.state import RootPath, State
 _MAX_MOTION_RATIO = 1e-3
 
 
-def is_at_rest(state: State, tolerance: float, duration: float) -> Flags:
-    """(F,) which feathers move by next to nothing against a tolerance (m) in a frame (s)."""
-    limit = _MAX_MOTION_RATIO * tolerance
+def is_at_rest(state: State, tolerance: float, duration: float, left: Array | float = 0.0) -> Flags:
+    """(F,) which feathers move by next to nothing against a tolerance (m) in a frame (s), or by no
+    more than contact forces leave, (F,) m."""
+    limit = np.maximum(_MAX_MOTION_RATIO * tolerance, left)
     quiet = _largest(state.velocity.nodes) * duration < limit
     return quiet & (_largest(state.acceleration.nodes) * duration**2 < limit)
 

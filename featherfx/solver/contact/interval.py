@@ -362,6 +362,12 @@ class ContactSolver:
         bodies = self.candidates.pairs[pair].ravel()
         return np.bincount(bodies, minlength=self.grids.bodies)
 
+    def left_in_frame(self) -> Array:
+        """(B,) m, by which rounds may leave the motion of each body in a frame off, as others press
+        it."""
+        left = _LEFT / _FRAMES * self.settings.tolerance
+        return np.where(self._count_pressing(self.memory) > 0, left, 0.0)
+
     def _followed(self, duration: float) -> Array:
         """(B, n, 1 + 2 m) part of what its root goes, beyond where a node is headed, that the node
         goes along in a duration (s): that of an implicit step of the node's mass on a spring."""

@@ -1,0 +1,92 @@
+"""Criterion of rounds of contact, and springs that get stiffer from round to round."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from featherfx.solver.contact.interval import ContactSolver
+from featherfx.solver.contact.interval_options import ContactSettings
+from featherfx.solver.contact.list_kernels import _stiffen, residual
+from featherfx.solver.contact.search import new_touch
+from featherfx.solver.contact.types import ByBody
+
+MASS, STIFFNESS, FRAME, TOLERANCE = 2e-6, 0.3, 1.0 / 24.0, 1e-5
+stiffen, misfit = _stiffen.py_func, residual.py_func
+
+
+def contact_of(**values):
+    contact = new_touch(1).view(np.recarray)[0]
+    for name, value in values.items():
+        setattr(contact, name, value)
+    return contact
+
+
+@pytest.mark.parametrize("duration", [FRAME / 16.0, FRAME, 2.0 * FRAME, 1.0])
+@pytest.mark.parametrize("stiffness", [0.0, STIFFNESS])
+def test_what_rounds_leave_moves_a_mass_on_a_spring_as_far_whatever_the_step(duration, stiffness):
+    """Implicit steps of two frames, or of one that is longer, by the force that is left."""
+    rounds = SimpleNamespace(settings=ContactSettings(tolerance=TOLERANCE, frame=FRAME))
+    inertial = MASS / duration**2
+    left = ContactSolver._leeway(rounds, np.array([inertial]), np.array([stiffness]), duration)
+    moved = left[0] / (MASS / max(duration, 2.0 * FRAME) ** 2 + stiffness)
+    assert moved == pytest.approx(0.4 * TOLERANCE, rel=1e-12)
+
+
+def test_a_body_is_as_far_open_as_its_worst_contact_over_what_rounds_may_leave():
+    touch = new_touch(4).view(np.recarray)
+    touch.guest, touch.host, touch.stiffness = 0, [1, 1, 2, 1], 2.0
+    # balanced, a misfit of 1 m, a gap of -3 m with a body that is soft, and one held shut by force
+    touch.guest_force, touch.host_force = [5.0, 4.0, 0.0, 8.0], [5.0, 6.0, 0.0, 8.0]
+    touch.gap, touch.spared = [0.0, 0.0, -3.0, 0.5], [0.0, 0.0, 0.0, 0.25]
+    touch.leeway = [0.1, 4.0, 0.1, 0.25]
+    listed = ByBody(np.array([0, 4]), np.arange(4))
+    soft = np.array([0, 0, 1], dtype=np.int8)
+    assert misfit(0, touch, listed, soft) == (1.0, 2.0, 3.0)
+    touch.leeway[1] = 0.125
+    assert misfit(0, touch, listed, soft) == (1.0, 8.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("before", "gap", "factor"),
+    [(0.0, 1.0, 1.0), (1.0, 0.9, 1.5), (-1.0, -0.9, 1.5), (1.0, 0.7, 1.0), (1.0, -0.9, 1.0),
+     (0.2, 0.1999, 1.0)],
+)  # fmt: skip
+def test_springs_get_stiffer_whose_gaps_hardly_close(before, gap, factor):
+    contact = contact_of(stiffness=2.0, stiffest=3.5, leeway=0.2, before=before, gap=gap)
+    stiffen(contact)
+    assert (contact.stiffness, contact.before) == (2.0 * factor, gap)
+    contact.before = gap
+    if factor > 1.0:
+        stiffen(contact)
+        assert contact.stiffness == contact.stiffest
+
+
+def rounds_of_two_bodies(stiffest, load=1.0, stiffness=1.0):
+    """Rounds until two springs, of which a load presses one against the other, are where one twice
+    as stiff would be; the contact's spring begins at a hundredth of theirs."""
+    contact = contact_of(stiffness=0.01 * stiffness, stiffest=stiffest, leeway=1e-4)
+    guest, host = 0.0, 0.0
+    for rounds in range(1, 1000):
+        r, force = contact.stiffness, contact.host_force
+        guest = max((force + r * host - load) / (stiffness + r), -load / stiffness)
+        contact.gap = guest - host
+        contact.guest_force = max(0.0, force - r * contact.gap)
+        stiffen(contact)
+        r, force = contact.stiffness, contact.guest_force
+        host = (r * guest - force) / (stiffness + r)
+        contact.gap = guest - host
+        contact.host_force = max(0.0, force - r * contact.gap)
+        stiffen(contact)
+        if abs(guest + 0.5 * load / stiffness) < 1e-3 > abs(host + 0.5 * load / stiffness):
+            return rounds
+    return rounds
+
+
+def test_rounds_with_springs_that_are_too_soft_end_as_soon_as_they_get_stiffer():
+    """A spring of r takes the part ((K - r) / (K + r))^2 of what is amiss in a round."""
+    expected = np.log(2e-3) / np.log(((1.0 - 0.01) / (1.0 + 0.01)) ** 2)
+    assert rounds_of_two_bodies(0.01) == pytest.approx(expected, rel=0.1)
+    assert rounds_of_two_bodies(1.0) < 0.2 * expected
