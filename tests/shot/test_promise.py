@@ -146,9 +146,17 @@ def test_presets_promise_errors_and_have_numbers_where_feathers_push_each_other(
 
 
 def test_rows_and_columns_that_are_asked_for_overrule_the_error(gust):
-    quality = replace(read_quality("draft"), simulated_rows=7, simulated_columns=3)
+    quality = replace(read_quality("draft"), simulated_rows=7, simulated_columns=3, coefficients=1)
     for own in options_of(replace(gust, quality=quality)).full:
         assert (own.rows, own.columns, own.coefficients) == (7, 3, 1)
+
+
+def test_an_error_that_a_number_holds_up_is_told_as_an_error(gust):
+    """Barbs that may not bend err by the same on every grid: that is no second answer."""
+    shot = part_of(gust, np.array([12]))
+    stiff = options_of(replace(shot, quality=replace(shot.quality, coefficients=0))).measured[0]
+    assert stiff.is_unique
+    assert stiff.error > shot.quality.promised > options_of(shot).measured[0].error
 
 
 def test_tolerances_are_stepped_down_by_less_than_a_third():

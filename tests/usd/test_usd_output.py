@@ -271,7 +271,7 @@ import numpy as np
 from pxr import Tf, Usd, UsdGeom
 print("begin", flush=True)
 seen, count = set(), 0
-while not select.select([sys.stdin], [], [], 0)[0]:
+while not select.select([sys.stdin], [], [], 0.01)[0]:
     sizes, count = [], count + 1
     try:
         stage = Usd.Stage.Open(sys.argv[1])

@@ -47,10 +47,12 @@ from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options.load_estimate import Deflection, LoadEstimate
 from featherfx.shot.options.options import (
+    GRID,
     MAX_COEFFICIENTS,
     SPACE,
     TIME,
     first_grid,
+    given_grid,
 )
 from featherfx.shot.patterns import part_of
 from featherfx.shot.preroll import NO_RUN_UP
@@ -310,8 +312,10 @@ class _Search:
             return self._move(k, {name: -each for name, each in lower.items()})
         worse = max(self._wanted[k], key=lambda name: over[name])
         if number and not parts[worse] <= MIN_FALL * before[worse]:
-            # finer settings do not come nearer to each other
-            self.found[k] = self.found[k]._replace(is_unique=error <= self._promised)
+            # finer settings do not come nearer to each other; where some of them are given, these
+            # are why
+            is_unique = error <= self._promised or bool(given_grid(self._shot.quality))
+            self.found[k] = self.found[k]._replace(is_unique=is_unique)
             return False
         # where it errs by far less, finer settings are not measured
         by_window = {each: self._error(k, each) for each in self._windows[k]}
@@ -428,17 +432,12 @@ def run_distance(one: WindowRun, other: WindowRun) -> float:
 
 def quality_at(quality: Quality, level: Level) -> Quality:
     """Return the quality that simulates all feathers at one level; its own numbers overrule it."""
-    rows, columns, coefficients = SPACE[level[0]]
-    rows = quality.simulated_rows if quality.simulated_rows > 0 else rows
-    columns = quality.simulated_columns or columns
-    coefficients = quality.coefficients if quality.coefficients >= 0 else coefficients
+    grid = dict(zip(GRID, SPACE[level[0]], strict=True)) | given_grid(quality)
     tolerance, relative = (
         quality.tolerance or _LARGEST,
         1.0 if quality.tolerance else TIME[level[1]],
     )
-    found = quality.on_grid(
-        rows, columns, coefficients, tolerance=tolerance, relative_tolerance=relative
-    )
+    found = quality.on_grid(*grid.values(), tolerance=tolerance, relative_tolerance=relative)
     return refine_quality(found, level[2]) if level[2] else found
 
 
