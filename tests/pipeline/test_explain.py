@@ -69,7 +69,7 @@ def test_each_value_names_its_source(tmp_path):
     own = found["right_primary_01"]
     assert own["rows"] == {"value": 7, "from": "quality.simulated_rows"}
     assert own["max_substeps"] == {"value": 300, "from": "quality.max_substeps"}
-    assert own["coefficients"] == {"value": 1, "from": "quality preset draft"}
+    assert own["coefficients"]["from"] == own["columns"]["from"]
     assert own["columns"]["from"] == "measured for an error of 3 % (quality preset draft)"
     assert own["level"] == {"value": "full", "from": "default"}
     assert found["left_primary_02"]["level"] == {"value": "coarse", "from": "[[detail]] 1"}
