@@ -47,7 +47,7 @@ from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options.load_estimate import Deflection, LoadEstimate
 from featherfx.shot.options.options import (
-    GRID,
+    SPACE_NUMBERS,
     MAX_COEFFICIENTS,
     SPACE,
     TIME,
@@ -432,7 +432,7 @@ def run_distance(one: WindowRun, other: WindowRun) -> float:
 
 def quality_at(quality: Quality, level: Level) -> Quality:
     """Return the quality that simulates all feathers at one level; its own numbers overrule it."""
-    grid = dict(zip(GRID, SPACE[level[0]], strict=True)) | given_grid(quality)
+    grid = dict(zip(SPACE_NUMBERS, SPACE[level[0]], strict=True)) | given_grid(quality)
     tolerance, relative = (
         quality.tolerance or _LARGEST,
         1.0 if quality.tolerance else TIME[level[1]],

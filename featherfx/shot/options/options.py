@@ -64,7 +64,7 @@ _CONTACT_RATIO = 0.05
 SPACE = (
     (6, 2, 1), (8, 3, 1), (11, 4, 1), (15, 4, 2), (21, 6, 2), (29, 8, 2), (41, 10, 3), (57, 12, 3),
 )  # fmt: skip
-GRID = "rows", "columns", "coefficients"
+SPACE_NUMBERS = "rows", "columns", "coefficients"
 # tolerances over the length, likewise
 TIME = (8e-3, 3e-3, 1.2e-3, 4.5e-4, 1.7e-4, 6.5e-5, 2.5e-5, 1e-5)
 # bound of the quality's key; to begin with, an error times the square of intervals of rows, and the
@@ -348,7 +348,7 @@ def _measured_options(
     """Return the options that were measured for a feather of a length (m), but for what the
     quality's own numbers say. why: source of the error that is asked for."""
     own = given_grid(quality)
-    grid = zip(GRID, SPACE[measured.space], strict=True)
+    grid = zip(SPACE_NUMBERS, SPACE[measured.space], strict=True)
     found: dict[str, Any] = {name: number for name, number in grid if name not in own}
     if not quality.tolerance:
         found["tolerance"] = stepped_down(TIME[measured.time] * length)
@@ -356,10 +356,10 @@ def _measured_options(
 
 
 def given_grid(quality: Quality) -> dict[str, int]:
-    """Return the numbers of GRID that a quality gives, which overrule those that are measured."""
+    """Return the numbers of SPACE_NUMBERS that a quality gives, which overrule those that are measured."""
     rows, columns = (each or CHOSEN for each in (quality.simulated_rows, quality.simulated_columns))
     numbers = rows, columns, quality.coefficients
-    return {name: each for name, each in zip(GRID, numbers, strict=True) if each != CHOSEN}
+    return {name: each for name, each in zip(SPACE_NUMBERS, numbers, strict=True) if each != CHOSEN}
 
 
 def _doubled(pressure: float) -> float:
