@@ -47,9 +47,9 @@ from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options.load_estimate import Deflection, LoadEstimate
 from featherfx.shot.options.options import (
-    SPACE_NUMBERS,
     MAX_COEFFICIENTS,
     SPACE,
+    SPACE_NUMBERS,
     TIME,
     first_grid,
     given_grid,

@@ -356,7 +356,7 @@ def _measured_options(
 
 
 def given_grid(quality: Quality) -> dict[str, int]:
-    """Return the numbers of SPACE_NUMBERS that a quality gives, which overrule those that are measured."""
+    """Return those of SPACE_NUMBERS that a quality gives, which overrule measured ones."""
     rows, columns = (each or CHOSEN for each in (quality.simulated_rows, quality.simulated_columns))
     numbers = rows, columns, quality.coefficients
     return {name: each for name, each in zip(SPACE_NUMBERS, numbers, strict=True) if each != CHOSEN}
