@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.types import Array, Floats
+from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.algebra.vectors import unit
 from featherfx.files.background import count_cores
 from featherfx.jit.compiled import KernelModule
@@ -66,8 +66,9 @@ class Worst(NamedTuple):
 class SampleShape(NamedTuple):
     """Points of F feathers at one time, as judged.
 
-    nodes: (N, 3). lengths: (K,) of strands. bent: (N, 5) curvatures. heights: (N,) half widths of
-    rings at rest across the direction of their first point. axes: (F, 3, 3) of roots.
+    nodes: (N, 3). lengths: (K,) of strands. bent: (R, 5) curvatures where the R segments of
+    rachises begin. heights: (R,) half widths of rings there, at rest, across the direction of their
+    first point. axes: (F, 3, 3) of roots.
     """
 
     nodes: Array
@@ -164,9 +165,10 @@ class TrackMeasures:
 def measure_track(track: Track, per_second: float) -> TrackMeasures:
     """Measure all samples of a track. per_second: time codes."""
     found, reader = TrackMeasures(len(track.labels)), track.reader
-    rest, now = _new_shape(track), _new_shape(track)
+    rest = _new_shape(track)
+    now = rest._replace(lengths=np.zeros_like(rest.lengths), bent=np.zeros_like(rest.bent))
     strands, worst, shape = Encoded(track.strands), Encoded(found.worst), Encoded(now)
-    points, none = track.shape.rest, TrackMeasures(len(track.labels)).worst
+    points, none = track.rest, TrackMeasures(len(track.labels)).worst
     judge_kernels.measure_sample(points, rest, rest, strands, 0.0, 0.0, none)
     rest.heights[:] = _find_heights(track, rest.nodes, rest.bent[:, 4])
     roots, sizes, held = track.strands.root, np.zeros(len(track.labels)), Encoded(rest)
@@ -186,13 +188,20 @@ def measure_track(track: Track, per_second: float) -> TrackMeasures:
 
 def _new_shape(track: Track) -> SampleShape:
     nodes, strands = len(track.strands.node_first) - 1, len(track.strands.feather)
+    segments = len(_rachis_starts(track))
     return SampleShape(
         nodes=np.zeros((nodes, 3)),
         lengths=np.zeros(strands),
-        bent=np.zeros((nodes, 5)),
-        heights=np.zeros(nodes),
+        bent=np.zeros((segments, 5)),
+        heights=np.zeros(segments),
         axes=np.zeros((len(track.labels), 3, 3)),
     )
+
+
+def _rachis_starts(track: Track) -> Indices:
+    """Return (R,) nodes where the segments of rachises begin, which come before those of barbs."""
+    strands = track.strands
+    return strands.start[: strands.first[np.count_nonzero(strands.kind == RACHIS)]]
 
 
 def _compare(
@@ -330,15 +339,18 @@ class Judge:
 
 
 def _find_heights(track: Track, nodes: Array, widths: Array) -> Array:
-    """Return (N,) half widths of rings at rest across the direction of their first point.
+    """Return (R,) half widths of rings at rest across the direction of their first point.
 
-    widths: (N,) half widths along it.
+    widths: (R,) half widths along it.
     """
-    strands = track.strands
-    counts = np.diff(strands.node_first)
-    node = np.repeat(np.arange(len(nodes)), counts)
-    away = track.shape.rest[strands.node_points] - nodes[node]
-    first = away[strands.node_first[:-1]]
-    along = np.sum(away * unit(first)[node], axis=1)
+    strands, start = track.strands, _rachis_starts(track)
+    first, counts = strands.node_first[start], np.diff(strands.node_first)[start]
+    ends = np.cumsum(counts)
+    place = np.repeat(first - ends + counts, counts) + np.arange(ends[-1] if len(ends) else 0)
+    ring = np.repeat(np.arange(len(start)), counts)
+    away = track.rest[strands.node_points[place]] - nodes[start][ring]
+    along = np.sum(away * unit(track.rest[strands.node_points[first]] - nodes[start])[ring], axis=1)
     across = np.sqrt(np.maximum(np.sum(away**2, axis=1) - along**2, 0.0))
-    return np.where(widths > 0.0, np.maximum.reduceat(across, strands.node_first[:-1]), 0.0)
+    heights = np.zeros(len(start))
+    np.maximum.at(heights, ring, across)
+    return np.where(widths > 0.0, heights, 0.0)

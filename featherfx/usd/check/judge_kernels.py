@@ -79,8 +79,8 @@ def keep_stretches(lengths, rest, strands, rounding, code, worst):
 
 @kernel
 def find_curvatures(points, nodes, strands, out):
-    """Curvatures (N, 5) of rings: lengths of the segments before and after, the turn about two
-    directions of the section, and its half width along the first."""
+    """Curvatures (R, 5) where the segments of rachises begin: lengths of the segments before and
+    after, the turn about two directions of the section, and its half width along the first."""
     for k in range(strands.kind.shape[0]):
         for s in range(strands.first[k] + 1, strands.first[k + 1]):
             if strands.kind[k] != 0:
@@ -90,31 +90,30 @@ def find_curvatures(points, nodes, strands, out):
             before = sub(nodes[n], nodes[strands.start[s - 1]])
             after = sub(nodes[strands.end[s]], nodes[n])
             low, high = length(before), length(after)
-            out[n, 0], out[n, 1] = low, high
+            out[s, 0], out[s, 1] = low, high
             if strands.node_first[n + 1] - first < 3 or low * high == 0.0:
                 continue
             along = add(scale(1.0 / low, before), scale(1.0 / high, after))
             along = scale(1.0 / max(length(along), 1e-30), along)
             corner = sub(points[strands.node_points[first]], nodes[n])
             side = sub(corner, scale(dot(corner, along), along))
-            out[n, 4] = length(side)
-            side = scale(1.0 / max(out[n, 4], 1e-30), side)
+            out[s, 4] = length(side)
+            side = scale(1.0 / max(out[s, 4], 1e-30), side)
             turn = scale(1.0 / (low * high), cross(before, after))
-            out[n, 2], out[n, 3] = dot(turn, side), dot(turn, cross(along, side))
+            out[s, 2], out[s, 3] = dot(turn, side), dot(turn, cross(along, side))
 
 
 @kernel
 def keep_strains(now, rest, heights, strands, code, worst):
-    """Keep the largest strains. now, rest: as of find_curvatures. heights: (N,) half widths along
+    """Keep the largest strains. now, rest: as of find_curvatures. heights: (R,) half widths along
     the second direction."""
     for k in range(strands.kind.shape[0]):
         for s in range(strands.first[k] + 1, strands.first[k + 1]):
-            n = strands.start[s]
-            total = rest[n, 0] + rest[n, 1]
+            total = rest[s, 0] + rest[s, 1]
             if strands.kind[k] == 0 and total > 0.0:
-                bent = heights[n] * abs(now[n, 2] - rest[n, 2])
-                bent += rest[n, 4] * abs(now[n, 3] - rest[n, 3])
-                strain = abs((now[n, 0] + now[n, 1]) / total - 1.0) + 2.0 * bent / total
+                bent = heights[s] * abs(now[s, 2] - rest[s, 2])
+                bent += rest[s, 4] * abs(now[s, 3] - rest[s, 3])
+                strain = abs((now[s, 0] + now[s, 1]) / total - 1.0) + 2.0 * bent / total
                 _keep(strain, code, strands.feather[k], 4, worst)
 
 

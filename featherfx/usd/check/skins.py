@@ -153,7 +153,7 @@ class _Probe:
     """Ends of the barbs of a track, and where they begin, without those at the base."""
 
     def __init__(self, track: Track, to_world: Array) -> None:
-        strands, rest = track.strands, track.shape.rest
+        strands, rest = track.strands, track.rest
         barbs = np.flatnonzero(strands.kind == BARB)
         ends = [strands.end[strands.first[barbs]], strands.end[strands.first[barbs + 1] - 1]]
         node, feather = np.concatenate(ends), np.tile(strands.feather[barbs], 2)

@@ -47,7 +47,7 @@ _ON_RACHIS = 0.5  # u of points of the rachis
 
 @dataclass(frozen=True)
 class MeshShape:
-    """Constant part of a mesh or of curves, which have no triangles.
+    """Constant part of a mesh.
 
     rest: (V, 3) in the space of the prim. triangles: (T, 3). part: (T,) side of the vane, or
     rachis. st: (V, 2).
@@ -81,12 +81,13 @@ class Strands(NamedTuple):
 class Track:
     """F feathers of one prim: V points over time.
 
-    labels: of the feathers. owner: (V,) feather of each point. reader: of its values.
+    labels: of the feathers. owner: (V,) feather of each point. rest: (V, 3) in the space of the
+    prim. reader: of its values.
     """
 
     labels: Sequence[TrackedFeather]
     owner: Indices
-    shape: MeshShape
+    rest: Floats
     strands: Strands
     reader: Any
 
@@ -153,7 +154,7 @@ def _condensed_track(stage: Any) -> Track:
 
 def _track(labels: Sequence[TrackedFeather], shape: MeshShape, reader: Any) -> Track:
     owner = _find_owners(labels)
-    return Track(labels, owner, shape, _find_strands(shape, owner), reader)
+    return Track(labels, owner, shape.rest, _find_strands(shape, owner), reader)
 
 
 def _curves_track(prim: Any) -> Track:
@@ -175,9 +176,7 @@ def _curves_track(prim: Any) -> Track:
         # a feather without curves has the last root, which moves nothing
         root=np.minimum(np.searchsorted(owner, np.arange(len(labels))), len(rest) - 1),
     )
-    none = np.zeros(0, dtype=np.int64)
-    shape = MeshShape(rest, none.reshape(0, 3), none, np.zeros((len(rest), 2)))
-    return Track(labels, owner, shape, strands, _Reader(prim, len(rest)))
+    return Track(labels, owner, rest, strands, _Reader(prim, len(rest)))
 
 
 def _read_rest(prim: Any) -> Floats:

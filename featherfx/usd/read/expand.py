@@ -124,6 +124,8 @@ def parse_texts(prim: Any, name: str, read: Callable[[str], Any], count: int) ->
 
 _ROTATIONS = ArrayKind("f", (4,), "an array of rotations")
 _PAIRS = ArrayKind("i", (2,), "an array of pairs of integers")
+# of a swan all at once takes 400 MB
+_POINTS_AT_ONCE = 100_000
 
 
 @dataclass(frozen=True)
@@ -308,9 +310,9 @@ class _CondensedPrim:
             for shape, (n, m) in zip(shapes, self._grids_written.tolist(), strict=True)
         ]
         self._thinned = list(self._thinnings(counts, grown, scales)) if self._has_detail else []
-        drawn = [scale_feather(each.fine, float(s)) for each, s in zip(grown, scales, strict=True)]
-        self._built, self._surfaces = drawn, [each.surface for each in drawn]
-        self._grids = [(each.rows, 1 + 2 * each.columns) for each in drawn]
+        self._drawn, self._scales = [each.fine for each in grown], scales
+        self._surfaces = [each.surface for each in self._drawn]
+        self._grids = [(each.rows, 1 + 2 * each.columns) for each in self._drawn]
         self._map = None
         if any(each.to_fine is not None for each in grown):
             maps = [
@@ -324,9 +326,9 @@ class _CondensedPrim:
             self._pieces = np.concatenate([each.pieces for each in maps])
             self._map = scipy.sparse.block_diag(joined, format="csr")
         self._barb_sides, self._to_barbs = [np.zeros(0, dtype=np.int64)] * len(counts), None
-        self._drawn: list[BarbCurves] = []
+        self._barbs: list[BarbCurves] = []
         if barbs:
-            self._drawn = curves = [
+            self._barbs = curves = [
                 drawn_barbs(kind, (n, m), barbs, mirrored, member.id)
                 for (kind, mirrored), (n, m), member in zip(
                     shapes, self._grids_written.tolist(), members, strict=True
@@ -343,11 +345,12 @@ class _CondensedPrim:
         self.feathers = list(self._told(members))
         self.point_count = sum(len(each.row) for each in self._surfaces)
         self.barb_count = sum(map(len, self._barb_sides))
-        starts = np.cumsum([0, *(each.rows for each in drawn[:-1])])
+        starts = np.cumsum([0, *(rows for rows, _ in self._grids[:-1])])
         row = [each.row + start for each, start in zip(self._surfaces, starts, strict=True)]
         self._row = np.concatenate(row)
         self._node = np.concatenate([each.node for each in self._surfaces])
-        self._offset = np.concatenate([each.offset for each in self._surfaces])
+        offset = [each.offset * s for each, s in zip(self._surfaces, scales, strict=True)]
+        self._offset = np.concatenate(offset)
 
     def _written_grids(self, counts: Indices) -> Indices:
         """Return (M, 2) rows and columns of the coded grid of each feather."""
@@ -388,11 +391,11 @@ class _CondensedPrim:
 
     def colours(self, shading: Sequence[str]) -> Iterator[FeatherColours]:
         """Yield colours of each feather. shading: names of SHADING that are wanted."""
-        barbs: Sequence[BarbCurves | None] = self._drawn or [None] * len(self.feathers)
-        for kind, built, own, each in zip(
-            self.kinds, self._built, barbs, self.feathers, strict=True
+        barbs: Sequence[BarbCurves | None] = self._barbs or [None] * len(self.feathers)
+        for kind, unit, scale, own, each in zip(
+            self.kinds, self._drawn, self._scales, barbs, self.feathers, strict=True
         ):
-            yield colour_feather(kind, built, own, each.id, shading)
+            yield colour_feather(kind, scale_feather(unit, float(scale)), own, each.id, shading)
 
     def codes(self) -> list[float]:
         return read_times(self._curves.GetPointsAttr())
@@ -403,8 +406,13 @@ class _CondensedPrim:
             flat = self._map @ self._flat(nodes, directors)
             nodes, directors = self._split(flat)
             keep_lengths(self._pieces, nodes, np.zeros_like(nodes), np.zeros_like(nodes))
-        along, up = (self._offset[:, k, None] * directors[self._row, k] for k in range(2))
-        return self._placed(nodes[self._row, self._node] + along + up, code)
+        points = np.empty((self.point_count, 3))
+        for start in range(0, len(points), _POINTS_AT_ONCE):
+            own = slice(start, start + _POINTS_AT_ONCE)
+            row = self._row[own]
+            along, up = (self._offset[own, k, None] * directors[row, k] for k in range(2))
+            points[own] = nodes[row, self._node[own]] + along + up
+        return self._placed(points, code)
 
     def barbs(self, code: Any) -> Array:
         if self._to_barbs is None:
@@ -416,8 +424,8 @@ class _CondensedPrim:
 
     def _soaked(self, curves: Array, code: Any) -> Array:
         """Return points of all barbs in clumps."""
-        ends = np.cumsum([each.widths.size for each in self._drawn])
-        each = zip(self._drawn, np.split(curves, ends[:-1]), self.clumped(code), strict=True)
+        ends = np.cumsum([each.widths.size for each in self._barbs])
+        each = zip(self._barbs, np.split(curves, ends[:-1]), self.clumped(code), strict=True)
         return np.concatenate(
             [clumped(drawn, own, float(amount), int(n)) for drawn, own, (amount, n) in each]
         )
