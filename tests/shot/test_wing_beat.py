@@ -267,37 +267,39 @@ def test_motions_too_fast_for_the_frames_are_told(tmp_path, motion, told):
         read(tmp_path, motion)
 
 
-def slab(top):
-    """(T, 3, 3) m, faces of a broad body, seen from above."""
+def slab(top, side):
+    """(T, 3, 3) m, faces of a broad body, seen from above, or below where side is -1."""
     x, y = (each.ravel() for each in np.meshgrid(*[np.linspace(-0.1, 0.1, 61)] * 2))
-    corners = np.array([(0.0, 0.0, 0.0), (0.01, 0.0, 0.0), (0.0, 0.01, 0.0)])
+    corners = np.array([(0.0, 0.0, 0.0), (0.01, 0.0, 0.0), (0.0, 0.01, 0.0)])[::side]
     return np.stack([x, y, np.full_like(x, top)], axis=1)[:, None] + corners
 
 
-def test_a_stroke_ends_above_a_broad_body_and_no_higher_than_it_needs(tmp_path):
+@pytest.mark.parametrize(
+    ("side", "told_as"), [(1, "raised at the bottom"), (-1, "lowered at the top")]
+)
+def test_a_stroke_ends_before_a_broad_body_and_no_sooner_than_it_needs(tmp_path, side, told_as):
     shot = read(tmp_path, BEAT.format("stroke_amplitude = 120\nstroke_plane = 0"))
     wings = [each for each in shot.groom.feathers if "wing" in each.joint]
     own = [each for each in wings if not each.joint.endswith("wrist")]
     groom, skeleton = replace(shot.groom, feathers=tuple(own)), skeleton_of(shot.groom)
     size = np.array([(each.kind.length, each.kind.width / 2.0) for each in own])
+    shoulder = shot.groom.joints[0].position[2]
 
-    def lowest(top):
-        beside = replace(shot, groom=replace(shot.groom, skin=slab(top)))
+    def nearest(away):
+        """m, from the shoulder to the end that comes nearest to a body that far away from it."""
+        beside = replace(shot, groom=replace(shot.groom, skin=slab(shoulder - side * away, side)))
         roots = joint_roots(groom, skeleton, joint_poses(shot.motion, beside, skeleton))
         frames = [roots.frames(time) for time in np.linspace(0.0, 1 / 6, 33)]
-        ends = (size * f.rotations[:, 2, :2] * (1.0, side) for f in frames for side in (1, -1))
+        ends = (size * f.rotations[:, 2, :2] * (1.0, edge) for f in frames for edge in (1, -1))
         heights = [f.positions[:, 2] for f in frames for _ in range(2)]
-        return min(
-            float((height + end.sum(axis=1)).min())
-            for height, end in zip(heights, ends, strict=True)
-        )
+        both = zip(heights, ends, strict=True)
+        return max(float((side * (shoulder - at - end.sum(axis=1))).max()) for at, end in both)
 
-    shoulder = shot.groom.joints[0].position[2]
-    far = lowest(shoulder - 0.2)
+    far = nearest(0.2)
     with pytest.warns(
-        InputWarning, match=r"stroke_amplitude: the bottom .* by \d+ degrees"
+        InputWarning, match=rf"stroke_amplitude: strokes are {told_as} by \d+ degrees"
     ) as told:
-        low, high = (lowest(shoulder - below) for below in (0.03, 0.02))
+        low, high = nearest(0.03), nearest(0.02)
     assert len({str(each.message) for each in told}) == 2
-    assert far < shoulder - 0.035
-    assert shoulder - 0.03 < low < shoulder - 0.02 < high < shoulder - 0.01
+    assert far > 0.035
+    assert 0.03 > low > 0.02 > high > 0.01

@@ -123,8 +123,9 @@ class Flap:
 
     middle, half: of the stroke's curve. beats: after which the wing rests; 0: it beats on and on.
 
-    fold_factors: times (s) and factors of the folds of elbow and wrist. raised: times (s) and rad,
-    by which the bottom of the stroke is higher than its amplitude has it.
+    fold_factors: times (s) and factors of the folds of elbow and wrist. raised, lowered: times (s)
+    and rad, by which the bottom and the top of the stroke are nearer to its middle than its
+    amplitude has them.
     """
 
     curves: Mapping[str, _Curve]
@@ -134,6 +135,7 @@ class Flap:
     beats: float
     fold_factors: Track = ((0.0,), (1.0,))
     raised: Track = ((0.0,), (0.0,))
+    lowered: Track = ((0.0,), (0.0,))
 
     @classmethod
     def read(cls, values: Mapping[str, Any]) -> Flap:
@@ -184,8 +186,9 @@ class Flap:
         at = {name: math.radians(curve(phase % 1.0)) for name, curve in self.curves.items()}
         middle = math.radians(self.middle)
         beat = (at["elevation"] - middle) / math.radians(self.half) if self.half else 0.0
-        raised, lean = eased(*self.raised, time), number["stroke_plane"]
-        arm = middle + 0.5 * (raised + beat * (number["stroke_amplitude"] - raised))
+        raised, lowered = (eased(*each, time) for each in (self.raised, self.lowered))
+        whole, lean = number["stroke_amplitude"] - raised - lowered, number["stroke_plane"]
+        arm = middle + 0.5 * (raised - lowered + beat * whole)
         turn = inside * number["turn"]
         upstroke = max(-math.sin(2.0 * math.pi * phase), 0.0)
         return _Angles(

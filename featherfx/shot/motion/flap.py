@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import fnmatch
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,8 +15,7 @@ from featherfx.algebra.interpolation import eased
 from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.errors import Problem
 from featherfx.groom.types import Groom
-from featherfx.shot.motion.beat import Flap, Wings, track_of
-from featherfx.shot.motion.flap_fits import BeatFit
+from featherfx.shot.motion.flap_fits import fitted_beat
 from featherfx.shot.motion.joints import (
     JointPoses,
     MissingJointError,
@@ -39,13 +37,7 @@ def flapping(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
     if not any(joint.role == "shoulder" and joint.side for joint in groom.joints):
         message = 'a flap needs a joint with role = "shoulder" and side = 1 or -1 in the groom'
         raise MissingJointError(Problem(source, "motion.kind", message))
-    flap, wings = Flap.read(motion.values), Wings.find(groom, skeleton)
-    if motion.values["span_ratio"] is not None:
-        times, ratios = track_of(motion.values["span_ratio"])
-        fit = BeatFit(flap, wings, groom, skeleton, source)
-        flap = replace(flap, fold_factors=(times, [fit.factor(each) for each in ratios]))
-    if groom.skin is not None:
-        flap = replace(flap, raised=BeatFit(flap, wings, groom, skeleton, source).raised())
+    flap, wings = fitted_beat(motion.values, groom, skeleton, source)
     weight = float(np.linalg.norm(shot.gravity))
     up = -shot.gravity / weight if weight else np.zeros(3)
     shoulders = [each.position for each in groom.joints if each.role == "shoulder" and each.side]

@@ -1,18 +1,21 @@
-"""Beats that are fitted to a groom: how far its wings fold, and how low they go beside its body.
+"""Beats that are fitted to a groom: how far its wings fold, and how far they go beside its body.
 
-A span ratio is met by the folds of elbow and wrist. The bottom of a stroke is where inner feathers
-would enter the body at rest, if that is higher than the amplitude has it: birds differ in how broad
-they are below their shoulders.
+A span ratio is met by the folds of elbow and wrist. A stroke ends where inner feathers would enter
+the body at rest, below it or behind its back, if that is before the amplitude has it: birds differ
+in how broad they are about their shoulders. What was found is remembered by groom.
 """
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
+from weakref import ReferenceType, ref
 
 import numpy as np
 
@@ -23,7 +26,7 @@ from featherfx.errors import InputWarning
 from featherfx.groom.skin.field import search_tree
 from featherfx.groom.types import Groom, Placement
 from featherfx.shot.motion.act import PoseComposer
-from featherfx.shot.motion.beat import BEAT_SAMPLES, Flap, Track, Wings
+from featherfx.shot.motion.beat import BEAT_SAMPLES, Flap, Wings, track_of
 from featherfx.shot.motion.joints import (
     JointRoots,
     Skeleton,
@@ -37,10 +40,37 @@ from featherfx.shot.roots import RootFrames
 _Wing = tuple[Sequence[Placement], JointRoots, Array]
 _MAX_BEND = math.radians(150.0)  # of an elbow or wrist without a hinge
 _BISECTIONS = 24  # of a factor of folds
-# phases about the bottom of a stroke that are looked at, and bisections of where it is
-_LOW_PHASES, _LOW_BISECTIONS = (0.36, 0.43, 0.5, 0.57, 0.64), 6
-# places on a feather, over its length and its width, that keep off the body
-_PLACES = np.array([(x, y, 0.0) for x in (0.4, 0.7, 1.0) for y in (-0.5, 0.0, 0.5)])
+_ENDS = 0.5, 0.0  # phases of a stroke's bottom and top
+# phases about an end that are looked at, and bisections of where it is
+_PHASES, _END_BISECTIONS = (-0.12, -0.07, -0.035, 0.0, 0.035, 0.07, 0.12), 6
+# places on a feather, over its length and its width, that keep off the body; tips are narrow
+_WIDTHS = (0.4, 0.5), (0.7, 0.5), (0.9, 0.3)
+_PLACES = np.array([*((x, side * y) for x, y in _WIDTHS for side in (-1, 0, 1)), (1.0, 0.0)])
+# fits that are remembered: grooms, what their beats are asked for, and beats
+_KNOWN = deque[tuple["ReferenceType[Groom]", str, tuple[Flap, Wings]]](maxlen=16)
+
+
+def fitted_beat(
+    values: Mapping[str, Any], groom: Groom, skeleton: Skeleton, source: str
+) -> tuple[Flap, Wings]:
+    """Make the beat that values of a motion describe, fitted to the wings of a groom. source: for
+    messages."""
+    flap = Flap.read(values)
+    asked = repr(sorted((k, v) for k, v in values.items() if k not in ("heave", "pitch")))
+    for known, key, (fitted, wings) in tuple(_KNOWN):
+        if known() is groom and key == asked:
+            return replace(fitted, numbers=flap.numbers), wings
+    wings = Wings.find(groom, skeleton)
+    if values["span_ratio"] is not None:
+        times, ratios = track_of(values["span_ratio"])
+        fit = BeatFit(flap, wings, groom, skeleton, source)
+        flap = replace(flap, fold_factors=(times, [fit.factor(each) for each in ratios]))
+    if groom.skin is not None:
+        flap = BeatFit(flap, wings, groom, skeleton, source).kept_off()
+    _KNOWN.append((ref(groom), asked, (flap, wings)))
+    return flap, wings
+
+
 # of the body's size, by which they do, so that curved ones do too; by eye
 _CLEARANCE = 0.012
 _NEAR = 30.0  # times that, within which faces are looked for
@@ -86,50 +116,67 @@ class BeatFit:
         down, up = (self._reach(phase, factor) for phase in (0.25, 0.75))
         return up / down
 
-    def raised(self) -> Track:
-        """Return times (s) and rad, by which strokes end higher than their amplitude has them; from
-        a degree on, warn."""
+    def kept_off(self) -> Flap:
+        """The beat whose strokes end before inner feathers would enter the body; where that is a
+        degree or more before its amplitude has it, warn."""
         numbers = self.flap.numbers
-        times = sorted({*numbers["stroke_amplitude"][0], *numbers["stroke_plane"][0]})
-        found = [self._raise(time) for time in times]
-        if (most := math.degrees(max(found))) >= 1.0:
-            message = f"motion.stroke_amplitude: the bottom of strokes is raised by {most:.2g}"
-            message += " degrees: inner feathers would enter the body. Give a smaller amplitude"
+        knots = sorted({*numbers["stroke_amplitude"][0], *numbers["stroke_plane"][0]})
+        times = sorted({*knots, *(0.5 * (a + b) for a, b in pairwise(knots))})
+        raised, lowered = ([self._shortened(end, time) for time in times] for end in _ENDS)
+        told = [
+            f"{what} by {math.degrees(max(found)):.2g} degrees"
+            for what, found in (("raised at the bottom", raised), ("lowered at the top", lowered))
+            if math.degrees(max(found)) >= 1.0
+        ]
+        if told:
+            message = f"motion.stroke_amplitude: strokes are {' and '.join(told)}: inner feathers"
+            message += " would enter the body. Give a smaller amplitude"
             warnings.warn(f"{self.source}: {message}", InputWarning, stacklevel=2)
-        return times, found
+        return replace(self.flap, raised=(times, raised), lowered=(times, lowered))
 
-    def _raise(self, time: float) -> float:
-        """Return rad, by which the bottom of a stroke that enters the body is raised, so that inner
-        feathers keep off it, or come as near as in the middle of the stroke."""
-        wanted = min(self._gap((0.25,), time, 0.0), self._body[3])
-        if self._gap(_LOW_PHASES, time, 0.0) >= min(wanted, 0.0):
+    def _shortened(self, end: float, time: float) -> float:
+        """Return rad, by which an end of a stroke that enters the body is nearer to its middle, so
+        that inner feathers keep off it, or come as near as there. end: phase."""
+        phases, way = [end + each for each in _PHASES], np.equal(_ENDS, end)
+        wanted = min(self._gap((0.25,), time, 0.0 * way), self._body[3])
+        if self._gap(phases, time, 0.0 * way) >= min(wanted, 0.0):
             return 0.0
         low, high = 0.0, math.radians(eased(*self.flap.numbers["stroke_amplitude"], time))
-        for _ in range(_LOW_BISECTIONS):
+        for _ in range(_END_BISECTIONS):
             middle = 0.5 * (low + high)
-            is_clear = self._gap(_LOW_PHASES, time, middle) >= wanted
+            is_clear = self._gap(phases, time, middle * way) >= wanted
             low, high = (low, middle) if is_clear else (middle, high)
         return high
 
-    def _gap(self, phases: Sequence[float], time: float, raised: float) -> float:
-        """m, between the body and feathers of arm and forearm, if it is less than they keep off."""
-        flap = replace(self.flap, raised=((0.0,), (raised,)))
-        feathers, roots, _ = self._inner
-        size = np.array([(each.kind.length, each.kind.width, 1.0) for each in feathers]).reshape(
-            -1, 3
-        )
+    def _gap(self, phases: Sequence[float], time: float, ends: Array) -> float:
+        """m, between the body and feathers of arm and forearm, if it is less than they keep off.
+        ends: (2,) rad, by which the stroke is raised and lowered."""
+        raised, lowered = (((0.0,), (float(each),)) for each in ends)
+        flap = replace(self.flap, raised=raised, lowered=lowered)
+        _, roots, _ = self._inner
         tree, centres, normals, clearance = self._body
+        low, high = tree.mins - clearance, tree.maxes + clearance
         nearest = clearance
         for phase in phases:
             frames = self._posed(flap, roots, phase, time)
-            own = frames.rotations @ (size[:, :, None] * _PLACES.T)
+            own = frames.rotations @ self._places
             places = (frames.positions[:, :, None] + own).swapaxes(1, 2).reshape(-1, 3)
+            places = places[((low < places) & (places < high)).all(axis=1)]
             away, found = tree.query(places, distance_upper_bound=_NEAR * clearance)
             places, found = places[away < np.inf], found[away < np.inf]
             height = dots(places - centres[found], normals[found])
             facing = np.abs(height) > _FACING * away[away < np.inf]
             nearest = min(nearest, float(height[facing].min(initial=clearance)))
         return nearest
+
+    @cached_property
+    def _places(self) -> Array:
+        """(F, 3, P) m, places on inner feathers, along their arcs, in their own frames."""
+        kinds = [each.kind for each in self._inner[0]]
+        size = np.array([(k.length, k.width, k.length * k.rachis.camber) for k in kinds])
+        along, aside = _PLACES.T
+        down = -0.5 * math.radians(1.0) * along**2
+        return size.reshape(-1, 3, 1) * np.stack([along, aside, down])
 
     @cached_property
     def _body(self) -> tuple[Any, Array, Array, float]:
