@@ -151,21 +151,18 @@ def simulate(
     if jobs < 1:
         raise InputError(Problem("simulate", "jobs", f"{jobs} is not allowed. Give 1 or more"))
     if frames is not None:
-        _refuse_frames(whole, frames)
+        # raise TypeError or InputError for what is no range of frames of a shot
+        require_type("frames", frames, tuple | list, "(first, last)")
+        for each in frames:
+            require_type("frames", each, Integral, "whole numbers")
+        first, last = whole.first_frame, whole.last_frame
+        if len(frames) != 2 or not first <= frames[0] <= frames[1] <= last:
+            told = f"{tuple(frames)} is no range of its frames"
+            told += f". Give (first, last) in {first} to {last}"
+            raise InputError(Problem(str(whole.source), "frames", told))
     if start is not None:
         require_type("start", start, loop.Checkpoint, "a checkpoint() of another simulation")
     return loop.simulate(whole, jobs, frames, start=start)
-
-
-def _refuse_frames(shot: Shot, frames: tuple[int, int]) -> None:
-    """Raise TypeError or InputError for what is no range of frames of a shot."""
-    require_type("frames", frames, tuple | list, "(first, last)")
-    for each in frames:
-        require_type("frames", each, Integral, "whole numbers")
-    first, last = shot.first_frame, shot.last_frame
-    if len(frames) != 2 or not first <= frames[0] <= frames[1] <= last:
-        told = f"{tuple(frames)} is no range of its frames. Give (first, last) in {first} to {last}"
-        raise InputError(Problem(str(shot.source), "frames", told))
 
 
 def scene_readers(note: Callable[[Path], object] = lambda path: None) -> SceneReaders:

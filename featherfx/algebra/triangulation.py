@@ -142,17 +142,13 @@ def _rate(polygons: Array, left: Indices, tip: Indices, least: Array) -> Array:
         within &= _doubled_areas(one, other, points) >= -least[:, None]
     for corner in (a, b, c):
         within &= (points != corner).any(axis=2)
-    within &= ~_is_convex(points, least)
+    # return (M, k) whether polygons turn left at their corners (M, k, 2)
+    before, after = np.roll(points, 1, axis=1), np.roll(points, -1, axis=1)
+    within &= ~np.asarray(_doubled_areas(before, points, after) > least[:, None])
     blocked = within.any(axis=1)
     # rounded, so that a turn of the mesh changes no choice between equals
     found: Array = np.where(area > least, quality - 2.0 * blocked, quality - 4.0)
     return found.round(6)
-
-
-def _is_convex(points: Array, least: Array) -> Flags:
-    """Return (M, k) whether polygons turn left at their corners (M, k, 2)."""
-    before, after = np.roll(points, 1, axis=1), np.roll(points, -1, axis=1)
-    return np.asarray(_doubled_areas(before, points, after) > least[:, None])
 
 
 def _doubled_areas(a: Array, b: Array, c: Array) -> Array:

@@ -101,9 +101,18 @@ class Progress:
         if threading.current_thread() is threading.main_thread():
             raise_interrupt()
         with self.lock:
-            self._log(told)
+            # begin and end of phases that take time; parts of one name, as kernels are, once
+            if told.ended and told.seconds >= _SHORT_PHASE:
+                LOGGER.info("%s: %.2f s", told.name, told.seconds)
+            elif not told.ended and told.name != self.logged:
+                LOGGER.info("%s begins", told.name)
+            self.logged = told.name
             if told.name == "compiling" and not self.json:
-                self._announce(told)
+                # say once that there is compiling, before the first kernel
+                if told.name not in self.announced and told.left and told.left > _SOON:
+                    self._close_bar()
+                    click.echo(f"compiling, once, {about(told.left)}", err=True)
+                self.announced.add(told.name)
             if self.json:
                 self._json_phase(told)
             elif self.terminal:
@@ -116,21 +125,6 @@ class Progress:
                 if now - self.last_line >= _SECONDS_BETWEEN_PHASE_LINES:
                     self.last_line = now
                     self._line(told.name, told.done, told.total, told.left)
-
-    def _log(self, told: PhaseState) -> None:
-        """Begin and end of phases that take time; parts of one name, as kernels are, once."""
-        if told.ended and told.seconds >= _SHORT_PHASE:
-            LOGGER.info("%s: %.2f s", told.name, told.seconds)
-        elif not told.ended and told.name != self.logged:
-            LOGGER.info("%s begins", told.name)
-        self.logged = told.name
-
-    def _announce(self, told: PhaseState) -> None:
-        """Say once that there is compiling, before the first kernel."""
-        if told.name not in self.announced and told.left and told.left > _SOON:
-            self._close_bar()
-            click.echo(f"compiling, once, {about(told.left)}", err=True)
-        self.announced.add(told.name)
 
     def _json_phase(self, told: PhaseState) -> None:
         now, total = time.monotonic(), told.total or 1

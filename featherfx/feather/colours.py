@@ -70,7 +70,11 @@ def colour_feather(
     """Colour a feather of a kind, at any size; id: by which its brightness varies. shading: names
     of SHADING that are wanted."""
     rachis, light = _rachis(kind.colour), brightness(kind.colour, id)
-    points, values = _vane_colours(kind, _mesh_places(feather))
+    # (V, 5) of the mesh's points, as of _row_places
+    surface, columns = feather.surface, feather.columns
+    side = np.where(surface.node > columns, TRAILING, LEADING)
+    place = np.where(surface.node > columns, surface.node - columns, surface.node)
+    points, values = _vane_colours(kind, np.asarray(_row_places(feather)[side, surface.row, place]))
     on_rachis = np.unique(feather.surface.triangles[feather.surface.part == RACHIS_PART])
     points[on_rachis] = rachis
     for name in (each for each in shading if each not in PIGMENTS):
@@ -127,14 +131,6 @@ def brightness(colour: Colour, id: str) -> float:
     """By a number that the id alone decides, evenly spread about 1 with the deviation `vary`."""
     fraction = stable_number(id) / 2.0**63
     return max(1.0 + colour.brightness_variation * 3.0**0.5 * (2.0 * fraction - 1.0), 0.0)
-
-
-def _mesh_places(feather: Feather) -> Array:
-    """(V, 5) of the mesh's points, as of _row_places."""
-    surface, columns = feather.surface, feather.columns
-    side = np.where(surface.node > columns, TRAILING, LEADING)
-    place = np.where(surface.node > columns, surface.node - columns, surface.node)
-    return np.asarray(_row_places(feather)[side, surface.row, place])
 
 
 def _barb_places(feather: Feather, barbs: BarbCurves) -> Array:

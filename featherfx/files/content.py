@@ -147,7 +147,9 @@ class _Walk:
                 raise TypeError(f"a {type(value).__name__} has no digest")
             self._known[id(value)] = value, _hashed(found)
             if self._changing == before and value.__dataclass_params__.frozen:
-                _remember(value, self._known[id(value)][1])
+                if len(_CONSTANT) >= _MAX_CONSTANT:
+                    _CONSTANT.clear()
+                _CONSTANT[id(value)] = weakref.ref(value), self._known[id(value)][1]
         return b"record " + self._known[id(value)][1]
 
 
@@ -155,12 +157,6 @@ class _Walk:
 # for again and again; by identity, while they are there
 _CONSTANT: dict[int, tuple[Any, bytes]] = {}
 _MAX_CONSTANT = 200_000
-
-
-def _remember(record: Any, found: bytes) -> None:
-    if len(_CONSTANT) >= _MAX_CONSTANT:
-        _CONSTANT.clear()
-    _CONSTANT[id(record)] = weakref.ref(record), found
 
 
 def _file(path: Path) -> bytes:

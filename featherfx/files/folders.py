@@ -193,7 +193,9 @@ def _choose_folder(wanted: Path, trusted: str) -> Path:
     fault = doubt(wanted)
     if not fault:
         return wanted
-    for other in _private_folders():
+    # folders for what others must not change, the best first
+    own = f"featherfx-{os.geteuid()}" if _GUARDED else "featherfx"
+    for other in [Path(os.path.expanduser("~")) / ".featherfx" / "cache", Path("/var/tmp") / own]:
         with contextlib.suppress(OSError, RuntimeError):
             if not distrust(other):
                 make_private_folder(other)
@@ -201,12 +203,6 @@ def _choose_folder(wanted: Path, trusted: str) -> Path:
                 warnings.warn(message, InputWarning, stacklevel=2)
                 return other
     return wanted
-
-
-def _private_folders() -> list[Path]:
-    """Folders for what others must not change, the best first."""
-    own = f"featherfx-{os.geteuid()}" if _GUARDED else "featherfx"
-    return [Path(os.path.expanduser("~")) / ".featherfx" / "cache", Path("/var/tmp") / own]
 
 
 def _is_named(folder: Path) -> bool:

@@ -140,16 +140,12 @@ def turn(rotation_vector: Array) -> tuple[Array, Array]:
     angle = np.sqrt(x * x + y * y + z * z)
     first = np.sinc(angle / np.pi)[..., None, None]
     second = 0.5 * np.sinc(angle / (2.0 * np.pi))[..., None, None] ** 2
-    third = _third_coefficient(angle)[..., None]
+    # (angle - sin(angle)) / angle^3, accurate down to zero
+    q = angle * angle
+    series = (1.0 - q / 20.0 * (1.0 - q / 42.0 * (1.0 - q / 72.0 * (1.0 - q / 110.0)))) / 6.0
+    safe = np.maximum(angle, _SERIES_BELOW)
+    third = np.where(angle < _SERIES_BELOW, series, (safe - np.sin(safe)) / safe**3)[..., None]
     frame = np.eye(3) + first * skew + second * squared
     mean_tangent = second[..., 0] * skew[..., 0] + third * squared[..., 0]
     mean_tangent[..., 0] += 1.0
     return frame, mean_tangent
-
-
-def _third_coefficient(angle: Array) -> Array:
-    """(angle - sin(angle)) / angle^3, accurate down to zero."""
-    q = angle * angle
-    series = (1.0 - q / 20.0 * (1.0 - q / 42.0 * (1.0 - q / 72.0 * (1.0 - q / 110.0)))) / 6.0
-    safe = np.maximum(angle, _SERIES_BELOW)
-    return np.where(angle < _SERIES_BELOW, series, (safe - np.sin(safe)) / safe**3)

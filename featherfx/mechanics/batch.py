@@ -319,17 +319,14 @@ def _row_length(length: Array) -> Array:
 def _rachis_rest(centre: Array, frames: Array, length: Array) -> Array:
     relative = np.einsum("nji,njk->nik", frames[:-1], frames[1:])
     bend = rotation_vectors(relative)
-    half = frames_to_quats(frames[:-1]) + _same_sign(frames_to_quats(frames))
+    turns = frames_to_quats(frames)
+    # quaternions 1.. of a row, each with the sign nearest to the one before it
+    sign = np.sign(dots(turns[:-1], turns[1:]))
+    half = frames_to_quats(frames[:-1]) + (turns[1:] * np.where(sign == 0.0, 1.0, sign)[:, None])
     half /= np.linalg.norm(half, axis=1, keepdims=True)
     middle = quats_to_frames(half)
     stretch = np.einsum("nji,nj->ni", middle, np.diff(centre, axis=0) / length[:, None])
     return np.concatenate([stretch, bend], axis=1)
-
-
-def _same_sign(turns: Array) -> Array:
-    """Quaternions 1.. of a row, each with the sign nearest to the one before it."""
-    sign = np.sign(dots(turns[:-1], turns[1:]))
-    return turns[1:] * np.where(sign == 0.0, 1.0, sign)[:, None]
 
 
 def _rachis_stiffness(feather: Feather, kind: FeatherKind, length: Array) -> Array:

@@ -93,7 +93,12 @@ def add_key(picture: Picture, key: Bar | Legend | None) -> Picture:
     if isinstance(key, Bar):
         _draw_bar(image, draw, key, size)
     else:
-        _draw_legend(draw, key, size, strip.shape[1])
+        places = _legend_places(key, size, strip.shape[1])
+        for (name, colour), (x, row) in zip(key.entries, places, strict=True):
+            y = (0.4 + 1.4 * row) * size
+            fill = tuple(round(255 * c) for c in colour)
+            draw.rectangle((x, y + 0.1 * size, x + size, y + 1.1 * size), fill=fill)
+            draw.text((x + 1.4 * size, y), name, fill=_INK, font=_font(size))
     return np.concatenate([picture, np.asarray(image)])
 
 
@@ -128,15 +133,6 @@ def _legend_places(key: Legend, size: int, width: int) -> list[tuple[float, int]
         places.append((x, row))
         x += needed
     return places
-
-
-def _draw_legend(draw: Any, key: Legend, size: int, width: int) -> None:
-    places = _legend_places(key, size, width)
-    for (name, colour), (x, row) in zip(key.entries, places, strict=True):
-        y = (0.4 + 1.4 * row) * size
-        fill = tuple(round(255 * c) for c in colour)
-        draw.rectangle((x, y + 0.1 * size, x + size, y + 1.1 * size), fill=fill)
-        draw.text((x + 1.4 * size, y), name, fill=_INK, font=_font(size))
 
 
 def _canvas(picture: Picture) -> tuple[Any, Any]:
@@ -236,7 +232,13 @@ def draw(path: Path, output: Path, options: PictureOptions, jobs: int) -> list[P
         times = _times(path, subjects[0], options, output)
         shots = _shots(path, subjects, times, options)
         if options.floor:
-            shots = _on_floor(shots, subjects)
+            # as high as the lowest point of all frames, where they are seen from above it
+            hulls = [hull for subject in subjects for _, hull in subject.whole_reach]
+            height = min(float(hull[:, 2].min()) for hull in hulls)
+            shots = [
+                replace(shot, floor=height) if shot.eye.view.eye[2] > height else shot
+                for shot in shots
+            ]
         files = _files(output, shots, options)
         problems = find_file_problems(files, options.overwrite) + check_pixels(len(shots), options)
         require(*problems)
@@ -360,11 +362,6 @@ def _shots(
 
 def _on_floor(shots: Sequence[Exposure], subjects: Sequence[Subject]) -> list[Exposure]:
     """With a floor as high as the lowest point of all frames, where they are seen from above it."""
-    hulls = [hull for subject in subjects for _, hull in subject.whole_reach]
-    height = min(float(hull[:, 2].min()) for hull in hulls)
-    return [
-        replace(shot, floor=height) if shot.eye.view.eye[2] > height else shot for shot in shots
-    ]
 
 
 def _files(output: Path, shots: Sequence[Exposure], options: PictureOptions) -> list[Path]:

@@ -196,6 +196,12 @@ def lights_of(eye: Eye) -> Lights:
     zenith, horizon, ground = (np.array(colour) for colour in _SKY)
     sun = 0.60 * eye.back + 0.15 * up + 0.85 * eye.up + 0.55 * eye.right
     rim = -0.75 * eye.back + 0.45 * eye.up - 0.60 * eye.right
+    # (3, 3) of Lights: Legendre coefficients of the sky by height, as a surface receives them
+    height, weight = np.polynomial.legendre.leggauss(64)
+    above, below = np.sqrt(np.maximum(height, 0.0)), 1.0 - np.exp(5.0 * np.minimum(height, 0.0))
+    sky = horizon + np.outer(above, zenith - horizon) + np.outer(below, ground - horizon)
+    orders = np.polynomial.legendre.legvander(height, 2) * weight[:, None]
+    received = np.array([1.0, 2.0 / 3.0, 0.25]) * np.array([0.5, 1.5, 2.5])
     return Lights(
         sun=sun / np.linalg.norm(sun),
         sun_light=np.array(_SUN),
@@ -206,18 +212,8 @@ def lights_of(eye: Eye) -> Lights:
         zenith=zenith,
         horizon=horizon,
         ground=ground,
-        harmonics=_harmonics(zenith, horizon, ground),
+        harmonics=np.asarray(received[:, None] * (orders.T @ sky)),
     )
-
-
-def _harmonics(zenith: Array, horizon: Array, ground: Array) -> Array:
-    """(3, 3) of Lights: Legendre coefficients of the sky by height, as a surface receives them."""
-    height, weight = np.polynomial.legendre.leggauss(64)
-    above, below = np.sqrt(np.maximum(height, 0.0)), 1.0 - np.exp(5.0 * np.minimum(height, 0.0))
-    sky = horizon + np.outer(above, zenith - horizon) + np.outer(below, ground - horizon)
-    orders = np.polynomial.legendre.legvander(height, 2) * weight[:, None]
-    received = np.array([1.0, 2.0 / 3.0, 0.25]) * np.array([0.5, 1.5, 2.5])
-    return np.asarray(received[:, None] * (orders.T @ sky))
 
 
 def floor_of(middle: Array, height: float, size: float) -> Geometry:

@@ -59,7 +59,9 @@ def find_unloaded(solver: Solver, state: State, gravity: Array) -> UnloadedShape
     rachis = _rachis_strains(given, state, force)
     barb = _barb_turns(given, state, force)
     turned = np.abs(given.rachis_rest[..., 3:6] - rachis[..., 3:])
-    missing = ~(turned.max(axis=(1, 2)) < _MAX_TURN) | ~(_joint_turns(given, barb) < _MAX_TURN)
+    missing = ~(turned.max(axis=(1, 2)) < _MAX_TURN) | ~(
+        np.abs(_turns(given, barb)).max(axis=(1, 2, 3, 4), initial=0.0) < _MAX_TURN
+    )
     model = _with_rest(given, rachis, barb, ~missing)
     pose = _with_strains(state, rachis, barb, ~missing)
     missing |= ~_comes_back(solver, model, pose, gravity)
@@ -142,7 +144,13 @@ def _barb_turns(model: Model, state: State, force: Array) -> Array:
     about = np.cross(points[:, :, :, 1:], pull)
     about = np.cumsum(about[:, :, :, ::-1], axis=3)[:, :, :, ::-1]
     moment = about - np.cross(points[:, :, :, :-1], beyond)
-    local = np.einsum("fsnmij,fsnmi->fsnmj", _barb_frames(model, state), moment)
+    # (F, 2, n, m, 3, 3) of the segments of barbs in the given pose
+    frame = quats_to_frames(state.rotation)[:, None] @ quats_to_frames(model.clamp)
+    found = []
+    for j in range(model.columns):
+        frame = frame @ quats_to_frames(model.joints[:, :, :, j])
+        found.append(frame)
+    local = np.einsum("fsnmij,fsnmi->fsnmj", np.stack(found, axis=3), moment)
     barb = np.zeros((model.feathers, 2, model.rows, 2 * count))
     for _ in range(_MAX_ITERATIONS):
         turns = _turns(model, barb)
@@ -164,26 +172,11 @@ def _barbs(nodes: Array) -> Array:
     return np.stack([np.concatenate([root, each], axis=2) for each in sides], axis=1)
 
 
-def _barb_frames(model: Model, state: State) -> Array:
-    """(F, 2, n, m, 3, 3) of the segments of barbs in the given pose."""
-    frame = quats_to_frames(state.rotation)[:, None] @ quats_to_frames(model.clamp)
-    found = []
-    for j in range(model.columns):
-        frame = frame @ quats_to_frames(model.joints[:, :, :, j])
-        found.append(frame)
-    return np.stack(found, axis=3)
-
-
 def _turns(model: Model, barb: Array) -> Array:
     """(F, 2, n, m, 3) rotation vectors of joints by coefficients."""
     count = model.coefficients
     normal, in_plane = barb[..., :count] @ model.shapes, barb[..., count:] @ model.shapes
     return np.stack([np.zeros_like(normal), normal, in_plane], axis=-1)
-
-
-def _joint_turns(model: Model, barb: Array) -> Array:
-    """(F,) largest turn of any joint, rad."""
-    return np.abs(_turns(model, barb)).max(axis=(1, 2, 3, 4), initial=0.0)
 
 
 def _turn_gradient(turns: Array) -> Array:

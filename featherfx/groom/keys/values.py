@@ -398,7 +398,9 @@ class Table:
         below, around = (_keys_below(each, name) for each in (self.keys, place.around))
         if around and not below and not at.problems.closest(name, list(self.keys)):
             below = around
-        near = at.problems.closest(name, [*self.keys, *_names_below(self.keys)])
+        near = at.problems.closest(
+            name, [*self.keys, *{name for own in _tables_among(self.keys).values() for name in own}]
+        )
         at.unknown_key(self.keys, below, _keys_below(self.keys, near) if near else [])
         return {}
 
@@ -478,11 +480,6 @@ class Tables:
 def _tables_among(keys: Mapping[str, Key]) -> dict[str, Mapping[str, Key]]:
     """Return the keys of tables among some keys."""
     return {key: getattr(_whole(each.type), "keys", {}) for key, each in keys.items()}
-
-
-def _names_below(keys: Mapping[str, Key]) -> set[str]:
-    """Return the names of all keys of tables among some keys."""
-    return {name for own in _tables_among(keys).values() for name in own}
 
 
 def _keys_below(keys: Mapping[str, Key], name: str) -> list[str]:

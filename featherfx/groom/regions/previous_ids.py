@@ -65,7 +65,8 @@ def take_ids(
             free.remove(name)
         else:
             while name in known:
-                numbers[k] = _next_number(numbers[k])
+                words: Indices = np.array([numbers[k]], dtype=np.int64)
+                numbers[k] = int(hashed(0, 6, words)[0] >> np.uint64(24))
                 name = f"{entry['id']}_{numbers[k]:010x}"
             new.append(name)
             known.add(name)
@@ -94,11 +95,6 @@ def _pair_roots(roots: Array, earlier: Array) -> dict[int, int]:
             pairs[k] = other
             taken.add(other)
     return pairs
-
-
-def _next_number(number: int) -> int:
-    words: Indices = np.array([number], dtype=np.int64)
-    return int(hashed(0, 6, words)[0] >> np.uint64(24))
 
 
 def _note(entry: dict[str, Any], count: int, new: Sequence[str], gone: Sequence[str]) -> None:

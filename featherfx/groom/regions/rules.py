@@ -317,7 +317,20 @@ def _field(name: str, value: Any, surface: SkinSurface, place: Place) -> Rule:
     if name == "primvar":
         corners = surface.source.vectors(value, place)
         return lambda points: points.interpolated(corners)
-    return _guided(surface.source.curves(value, place))
+    curves = surface.source.curves(value, place)
+    # tangents of the nearest points of guide curves, by one over the squared distance
+    middles = np.concatenate([0.5 * (curve[1:] + curve[:-1]) for curve in curves])
+    steps = np.concatenate([np.diff(curve, axis=0) for curve in curves])
+    tangents = unit(steps)
+    tree, count = search_tree(middles), min(_GUIDES, len(middles))
+
+    def along(points: SurfacePoints) -> Array:
+        distance, near = tree.query(points.position, k=count)
+        distance, near = distance.reshape(-1, count), near.reshape(-1, count)
+        weight = 1.0 / np.maximum(distance, 1e-9) ** 2
+        return np.asarray(np.einsum("nk,nkc->nc", weight, tangents[near]))
+
+    return along
 
 
 def _current(surface: SkinSurface, poles: Array) -> Rule:
@@ -347,19 +360,3 @@ def _current(surface: SkinSurface, poles: Array) -> Rule:
 
     corners = kept("current", [surface.corners, poles], compute)["current"]
     return lambda points: points.interpolated(corners)
-
-
-def _guided(curves: list[Array]) -> Rule:
-    """Tangents of the nearest points of guide curves, by one over the squared distance."""
-    middles = np.concatenate([0.5 * (curve[1:] + curve[:-1]) for curve in curves])
-    steps = np.concatenate([np.diff(curve, axis=0) for curve in curves])
-    tangents = unit(steps)
-    tree, count = search_tree(middles), min(_GUIDES, len(middles))
-
-    def along(points: SurfacePoints) -> Array:
-        distance, near = tree.query(points.position, k=count)
-        distance, near = distance.reshape(-1, count), near.reshape(-1, count)
-        weight = 1.0 / np.maximum(distance, 1e-9) ** 2
-        return np.asarray(np.einsum("nk,nkc->nc", weight, tangents[near]))
-
-    return along

@@ -149,7 +149,9 @@ def _run(kind: FeatherKind, shake: Shake, solver: Any, state: Any, unknowns: int
     loads = no_loads(shake.count)
     clock = perf_counter if shake.jobs > 1 else thread_time
     moved, seconds, steps, iterations = [], 0.0, 0, 0
-    for before, after in pairwise(_step_times(shake)):
+    step = shake.step or 1.0 / _OUTPUT_RATE
+    times: Array = np.linspace(0.0, shake.duration, max(1, round(shake.duration / step)) + 1)
+    for before, after in pairwise(times):
         path = root_paths(before, after, shake.count)
         begin = clock()
         state, report = solver.step(state, loads, path, after - before)
@@ -163,12 +165,6 @@ def _run(kind: FeatherKind, shake: Shake, solver: Any, state: Any, unknowns: int
     return ShakeRun(
         feather.station, np.array(moved), present.T, seconds, steps, iterations, unknowns
     )
-
-
-def _step_times(shake: Shake) -> Array:
-    step = shake.step or 1.0 / _OUTPUT_RATE
-    times: Array = np.linspace(0.0, shake.duration, max(1, round(shake.duration / step)) + 1)
-    return times
 
 
 def _followed(feather: Feather, points: Array) -> Array:

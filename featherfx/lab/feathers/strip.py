@@ -129,7 +129,14 @@ class _StripBody:
 
 
 def _fall(test: StripTest, body: _StripBody, times: list[float]) -> StripRun:
-    state, loads, path = body.state, no_loads(1, GRAVITY_ALONG_Z), _held_root(body.state)
+    # the root stays where it is
+    samples = np.zeros((1, 2, 6))
+    samples[:, :, :3] = body.state.points.nodes[:, None, 0, 0]
+    state, loads, path = (
+        body.state,
+        no_loads(1, GRAVITY_ALONG_Z),
+        RootPath(samples, body.state.rotation[:, 0].copy()),
+    )
     rest = _edges(test, state.points.nodes[0])
     tips, strain, seconds, steps, iterations = [], 0.0, 0.0, 0, 0
     body.solver.step(state, loads, path, test.dt)  # compiles before anything is timed
@@ -160,13 +167,6 @@ def _steps(times: list[float], longest: float) -> Iterator[tuple[float, bool]]:
         count = max(1, int(np.ceil((after - before) / longest - 1e-6)))
         for k in range(count):
             yield (after - before) / count, k == count - 1
-
-
-def _held_root(state: Any) -> RootPath:
-    """The root stays where it is."""
-    samples = np.zeros((1, 2, 6))
-    samples[:, :, :3] = state.points.nodes[:, None, 0, 0]
-    return RootPath(samples, state.rotation[:, 0].copy())
 
 
 def _edges(test: StripTest, points: Array) -> Array:

@@ -341,11 +341,14 @@ def bend(
     state, status, iterations = Solver(model, settings).equilibrium(clamped(model), loads)
     seconds = time.perf_counter() - begin
     raise_if_failed(status, state.time, [_NAME])
+    work = posed(model, loads, state)
+    assemble(model, loads, 0, 0.0, _STATIC, FORCES_ONLY, 0.0, work)
+    unbalanced = np.abs(work.system.right.reshape(model.rows, -1))
     return Bent(
         tip=state.centre[0, -1].copy(),
         points=state.centre[0].copy(),
         iterations=int(iterations[0]),
-        residual=_residual(model, loads, state, rod.length),
+        residual=float(max(unbalanced[:, :3].max(), unbalanced[:, 3:].max() / rod.length)),
         seconds=seconds,
     )
 
@@ -462,13 +465,6 @@ def total_energy(model: Model, loads: Loads, state: State) -> float:
     if loads.force.size:
         potential -= np.sum(loads.force[0] * nodes)
     return float(elastic + kinetic + potential)
-
-
-def _residual(model: Model, loads: Loads, state: State, length: float) -> float:
-    work = posed(model, loads, state)
-    assemble(model, loads, 0, 0.0, _STATIC, FORCES_ONLY, 0.0, work)
-    unbalanced = np.abs(work.system.right.reshape(model.rows, -1))
-    return float(max(unbalanced[:, :3].max(), unbalanced[:, 3:].max() / length))
 
 
 @cache

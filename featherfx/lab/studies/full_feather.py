@@ -77,9 +77,13 @@ def tip_pull(folder: Path) -> StudyResult:
     rows += _converged("tip", 0.2)
     rows += _guarded()
     rows += _wrong_bending()
+    # energy of equations 6.2 and 6.3 over 1/2 D k^2 A of a strip of rectangles, each two triangles
+    e, h, k = 2.0, 0.5, 0.1
+    area, angle = e * h, k * h
+    curvature = 9.0 * e * angle / area
     rows.report(
         "energy of a rolled strip by equations 6.2 and 6.3, over that of its modulus",
-        _printed_hinge(),
+        ((area / 6.0 * curvature**2) / (0.5 * k**2 * area)),
         note="the printed hinge bends like a modulus so many times larger; ours takes the"
         " modulus itself (eq. 6.2 with the angle over the distance of two edges)",
     )
@@ -156,15 +160,6 @@ def _wrong_bending() -> Comparisons:
     turned = ourselves("the statement of figure 6.6 with its two names exchanged")
     rows.bound(text, found, turned, at_most=1.0)
     return rows
-
-
-def _printed_hinge() -> float:
-    """Energy of equations 6.2 and 6.3 over 1/2 D k^2 A of a strip of rectangles, each two triangles
-    of area A / 2, that is rolled to the curvature k about its edges of length e, h apart."""
-    e, h, k = 2.0, 0.5, 0.1
-    area, angle = e * h, k * h
-    curvature = 9.0 * e * angle / area
-    return (area / 6.0 * curvature**2) / (0.5 * k**2 * area)
 
 
 def _numbers(found: Mapping[Material, PulledFeather]) -> Comparisons:

@@ -171,13 +171,9 @@ def _springs(fraction: float, seed: int) -> NetworkLayout:
 
 
 def _sheared_modulus(layout: NetworkLayout) -> float:
-    return 2.0 * _held_energy(layout) / (layout.area * SHEAR**2)
-
-
-def _held_energy(layout: NetworkLayout) -> float:
     system, moved = sheared_system(layout), sheared(layout).ravel()
     moved[system.free] = equilibrium(system.matrix, system.right)
-    return network_energy(layout.network, moved)
+    return 2.0 * network_energy(layout.network, moved) / (layout.area * SHEAR**2)
 
 
 def _modulus(plan: NetworkPlan) -> float:

@@ -125,22 +125,18 @@ def small(folder: Path) -> StudyResult:
     for mu, kappa in ((1.0, 0.02), (3e-4, 8e-9)):
         found = _solved(_sheared(_TRIPOD, ((0, 4, 1), (2, 4), (3, 4)), 1, (mu, kappa), 1.0))
         source = published(f"{_HOUGHTON}, equation 6.24")
-        for axis, printed in zip("xy", _tripod(mu, kappa), strict=True):
+        # equation 6.24
+        r5, r6, r30 = np.sqrt([5.0, 6.0, 30.0])
+        last = (125 * r5 + 150 * r6) * mu**2
+        top = (36864 * r6 + 110592 * r5) * kappa**2 + (5520 * r5 + 8280 * r6) * kappa * mu + last
+        below = (13824 * r6 + 55296 * r5) * kappa**2 + (2610 * r5 + 5880 * r6) * kappa * mu + last
+        aside = r30 * (48 * kappa + 5 * mu) / ((144 * r30 + 2880) * kappa + 40 * r30 * mu)
+        for axis, printed in zip("xy", (float(top / (4 * below)), float(-aside)), strict=True):
             text = f"tripod's node along {axis} over the shear, mu {mu:g}, kappa {kappa:g}"
             rows.compare(text, found["xy".index(axis)], printed, 1e-9, source)
     rows += _layered()
     rows += _medium()
     return StudyResult(rows)
-
-
-def _tripod(mu: float, kappa: float) -> tuple[float, float]:
-    """Equation 6.24."""
-    r5, r6, r30 = np.sqrt([5.0, 6.0, 30.0])
-    last = (125 * r5 + 150 * r6) * mu**2
-    top = (36864 * r6 + 110592 * r5) * kappa**2 + (5520 * r5 + 8280 * r6) * kappa * mu + last
-    below = (13824 * r6 + 55296 * r5) * kappa**2 + (2610 * r5 + 5880 * r6) * kappa * mu + last
-    aside = r30 * (48 * kappa + 5 * mu) / ((144 * r30 + 2880) * kappa + 40 * r30 * mu)
-    return float(top / (4 * below)), float(-aside)
 
 
 def _layered() -> Comparisons:

@@ -151,7 +151,9 @@ def band_rows(sample: Sample, bands: Bands) -> tuple[Array, Flags]:
     tiny = _SLIVER * spacing * bands.barb_fraction
     inner = borders[(borders > low + tiny) & (borders < high - tiny)]
     inner = inner[np.min(np.abs(inner[:, None] - corners), axis=1) > tiny]
-    rows = np.sort(np.concatenate([inner, _distinct(corners, tiny)]))
+    rows = np.sort(
+        np.concatenate([inner, corners[np.concatenate([[True], np.diff(corners) > tiny])]])
+    )
     centre = 0.5 * (rows[1:] + rows[:-1])
     return rows, np.min(np.abs(centre[:, None] - places), axis=1) < half
 
@@ -246,10 +248,6 @@ def _stretch_of(target: Array) -> Array:
     for _ in range(30):
         found -= (found * (found**2 - 1.0) - target) / (3.0 * found**2 - 1.0)
     return found
-
-
-def _distinct(values: Array, tiny: float) -> Array:
-    return values[np.concatenate([[True], np.diff(values) > tiny])]
 
 
 _RATIO, _BARB, _FRACTION = 6.2e4, 2.43e9, 0.14

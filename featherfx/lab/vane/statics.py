@@ -380,30 +380,27 @@ class Statics:
 
     def _halved(self, pose: MembranePose, target: Array, halvings: int) -> MembranePose:
         try:
-            return self._newton(pose, target)
+            shift = np.where(self.system.held[:, None], target - pose.positions, 0.0)
+            last = np.inf
+            for iteration in range(_ITERATIONS):
+                step, tensions = self._step(pose, shift)
+                size = float(np.abs(step).max()) / self.system.size
+                if not size < _ASTRAY:
+                    raise NoEquilibrium("the iterations diverge")
+                positions = pose.positions + step
+                stresses = self.system.predicted_stresses(pose.positions, step)
+                moved = replace(pose, positions=positions, stresses=stresses)
+                pose = replace(moved, tensions=tensions, iterations=pose.iterations + 1)
+                if iteration and size < _CLOSE and last < 1e3 * _CLOSE:
+                    self._check(pose.positions)
+                    return pose
+                shift, last = np.zeros_like(shift), size
+            raise NoEquilibrium(f"no convergence in {_ITERATIONS} iterations")
         except NoEquilibrium:
             if halvings == 0:
                 raise
         half = 0.5 * (pose.positions + target)
         return self._halved(self._halved(pose, half, halvings - 1), target, halvings - 1)
-
-    def _newton(self, pose: MembranePose, target: Array) -> MembranePose:
-        shift = np.where(self.system.held[:, None], target - pose.positions, 0.0)
-        last = np.inf
-        for iteration in range(_ITERATIONS):
-            step, tensions = self._step(pose, shift)
-            size = float(np.abs(step).max()) / self.system.size
-            if not size < _ASTRAY:
-                raise NoEquilibrium("the iterations diverge")
-            positions = pose.positions + step
-            stresses = self.system.predicted_stresses(pose.positions, step)
-            moved = replace(pose, positions=positions, stresses=stresses)
-            pose = replace(moved, tensions=tensions, iterations=pose.iterations + 1)
-            if iteration and size < _CLOSE and last < 1e3 * _CLOSE:
-                self._check(pose.positions)
-                return pose
-            shift, last = np.zeros_like(shift), size
-        raise NoEquilibrium(f"no convergence in {_ITERATIONS} iterations")
 
     def _step(self, pose: MembranePose, shift: Array) -> tuple[Array, Array]:
         _, forces, stiffness = self.system.assembled(pose.positions, pose.stresses)

@@ -141,7 +141,11 @@ def _pull(placements: Sequence[Placement], limbs: Indices, course: Course) -> _P
                 axes[:, 2] += np.radians(_spread(placements, own > 0.0))
         case "fold":
             for own in _of_each_limb(limbs, course):
-                axes[:, 2] += _to_mean(placements, own)
+                # (F,) rad, turn about z that brings each shaft nearest to the mean direction
+                frames = np.array([each.rotation for each in placements])
+                mean = own @ frames[:, :, 0]
+                found = np.arctan2(frames[:, :, 1] @ mean, frames[:, :, 0] @ mean)
+                axes[:, 2] += np.where(own > 0.0, found, 0.0)
     return _Pull(course, shift, axes)
 
 
@@ -166,11 +170,3 @@ def _spread(placements: Sequence[Placement], members: Flags) -> Array:
     outwards = np.sign(frames[:, :, 1] @ line)
     found[members] = 0.5 * outwards * (along - middle) / max(half, 1e-12)
     return found
-
-
-def _to_mean(placements: Sequence[Placement], weights: Array) -> Array:
-    """(F,) rad, turn about z that brings each shaft nearest to the mean direction."""
-    frames = np.array([each.rotation for each in placements])
-    mean = weights @ frames[:, :, 0]
-    found = np.arctan2(frames[:, :, 1] @ mean, frames[:, :, 0] @ mean)
-    return np.where(weights > 0.0, found, 0.0)

@@ -37,7 +37,15 @@ def force_weights(force: Force, feather: Feather) -> Array:
     reach = feather.barb_length[side]
     rows = np.where(reach > 0.0, rows, 0.0)  # beside the first barb of a grid and the last one
     if not rows.any():
-        raise InputError(Problem("shot", "force", _no_barb(force, stations, reach)))
+        where = f"no {force.side} barb grows at row = {force.row:g} of feather '{force.feather}'"
+        grown = stations[reach > 0.0]
+        raise InputError(
+            Problem(
+                "shot",
+                "force",
+                (f"{where}. Give {grown[0]:.3g} to {grown[-1]:.3g}" if len(grown) else where),
+            )
+        )
     rows /= rows.sum()
     columns = np.linspace(0.0, 1.0, feather.columns + 1)
     if force.line == "barb":
@@ -47,12 +55,6 @@ def force_weights(force: Force, feather: Feather) -> Array:
     weights[:, 0] = rows * along[0]
     weights[:, barb_slice(side, feather.columns)] = rows[:, None] * along[1:]
     return weights
-
-
-def _no_barb(force: Force, stations: Array, reach: Array) -> str:
-    where = f"no {force.side} barb grows at row = {force.row:g} of feather '{force.feather}'"
-    grown = stations[reach > 0.0]
-    return f"{where}. Give {grown[0]:.3g} to {grown[-1]:.3g}" if len(grown) else where
 
 
 def hat_integrals(knots: Array, start: float, end: float) -> Array:

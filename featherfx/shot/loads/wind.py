@@ -80,7 +80,11 @@ def _field(
     numbers, energies = _spectrum(random, math.pi / length)
     directions = _directions(random)
     wave_vectors = numbers[:, None] * directions
-    amplitudes = (strength * np.sqrt(2.0 * energies))[:, None] * _perpendicular(random, directions)
+    # (K, 3) unit vectors, each perpendicular to its direction, otherwise at random
+    drawn = np.cross(directions, random.normal(size=directions.shape))
+    amplitudes = (strength * np.sqrt(2.0 * energies))[:, None] * np.asarray(
+        drawn / np.linalg.norm(drawn, axis=1, keepdims=True)
+    )
     phases = random.uniform(0.0, 2.0 * math.pi, _MODES)
     return WindField(mean, wave_vectors, wave_vectors @ mean, amplitudes, phases)
 
@@ -103,12 +107,6 @@ def _directions(random: np.random.Generator) -> Array:
     spread = np.stack((radius * np.cos(around), radius * np.sin(around), height), axis=1)
     rotation, _ = np.linalg.qr(random.normal(size=(3, 3)))
     return np.asarray(random.permutation(spread) @ rotation.T)
-
-
-def _perpendicular(random: np.random.Generator, directions: Array) -> Array:
-    """(K, 3) unit vectors, each perpendicular to its direction, otherwise at random."""
-    drawn = np.cross(directions, random.normal(size=directions.shape))
-    return np.asarray(drawn / np.linalg.norm(drawn, axis=1, keepdims=True))
 
 
 def exposures(shot: Shot) -> Array:

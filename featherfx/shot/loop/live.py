@@ -139,7 +139,13 @@ def reshaped(before: Model, after: Model, state: State) -> State:
     turns = quats_to_frames(state.rotation) @ quats_to_frames(was.rotation).swapaxes(-1, -2)
     frames = turns @ quats_to_frames(new.rotation)
     for f in range(after.feathers):
-        centres = _chained(after, f, frames[f], state.centre[f, 0])
+        # (n, 3) points of an unstretched shaft with these row frames (n, 3, 3)
+        quats = along_rows(frames_to_quats(frames[f]))
+        middle = quats_to_frames(quats[1:] + quats[:-1])  # which makes them unit quaternions
+        ways = np.einsum("nij,nj->ni", middle, after.rachis_rest[f, :, :3])
+        centres = state.centre[f, 0] + np.concatenate(
+            [np.zeros((1, 3)), np.cumsum(after.length[f, :, None] * ways, axis=0)]
+        )
         velocity = state.velocity.at(f)
         rest = state.coefficient[f], velocity, float(state.time[f])
         set_pose(after, new, f, frames[f], centres, *rest)
@@ -148,9 +154,3 @@ def reshaped(before: Model, after: Model, state: State) -> State:
 
 def _chained(model: Model, feather: int, frames: Array, root: Array) -> Array:
     """(n, 3) points of an unstretched shaft with these row frames (n, 3, 3)."""
-    quats = along_rows(frames_to_quats(frames))
-    middle = quats_to_frames(quats[1:] + quats[:-1])  # which makes them unit quaternions
-    ways = np.einsum("nij,nj->ni", middle, model.rachis_rest[feather, :, :3])
-    return root + np.concatenate(
-        [np.zeros((1, 3)), np.cumsum(model.length[feather, :, None] * ways, axis=0)]
-    )

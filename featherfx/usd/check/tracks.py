@@ -107,7 +107,9 @@ def find_tracks(stage: Any) -> Iterator[Track]:
     """
     has_mesh = False
     for prim in stage.Traverse():
-        if not prim.HasAttribute("primvars:featherId") or not _is_visible(prim):
+        if not prim.HasAttribute("primvars:featherId") or not bool(
+            UsdGeom.Imageable(prim).ComputeVisibility() != UsdGeom.Tokens.invisible
+        ):
             continue
         if prim.IsA(UsdGeom.Mesh):
             has_mesh = True
@@ -116,10 +118,6 @@ def find_tracks(stage: Any) -> Iterator[Track]:
             yield _curves_track(prim)
     if not has_mesh and usd.expand.condensed_prims(stage):
         yield _condensed_track(stage)
-
-
-def _is_visible(prim: Any) -> bool:
-    return bool(UsdGeom.Imageable(prim).ComputeVisibility() != UsdGeom.Tokens.invisible)
 
 
 def _mesh_track(prim: Any) -> Track:

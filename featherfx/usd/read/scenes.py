@@ -140,7 +140,11 @@ def read_poses(path: Path, code: float | None, place: Place) -> tuple[PointsById
     """
     scene = open_chosen(path, {}, place, place)
     with errors_at(place):
-        if _has_curves_alone(scene):
+        # return whether only curves are drawn; those of condensed feathers have barbs
+        curves = [each for each in scene.stage.Traverse() if each.IsA(UsdGeom.BasisCurves)]
+        barbs = f"primvars:{DEFAULT_PRIMVARS['left_barbs']}"
+        plain = bool(curves) and not any(each.HasAttribute(barbs) for each in curves)
+        if plain and next(drawn_meshes(scene.stage), None) is None:
             keys = {"file": str(path), "time": code} if code is not None else {"file": str(path)}
             entry = Table(USD_KEYS).check(keys, place, False)
             _, drawn = read_feathers(entry, path.parent, place)
@@ -154,14 +158,6 @@ def read_poses(path: Path, code: float | None, place: Place) -> tuple[PointsById
             feather.id: cache.pose(index, code).points.astype(np.float64) @ scene.to_world
             for index, feather in enumerate(cache.feathers)
         }, {}
-
-
-def _has_curves_alone(scene: SourceScene) -> bool:
-    """Return whether only curves are drawn; those of condensed feathers have barbs."""
-    curves = [each for each in scene.stage.Traverse() if each.IsA(UsdGeom.BasisCurves)]
-    barbs = f"primvars:{DEFAULT_PRIMVARS['left_barbs']}"
-    plain = bool(curves) and not any(each.HasAttribute(barbs) for each in curves)
-    return plain and next(drawn_meshes(scene.stage), None) is None
 
 
 class UniformWind(ScenePrim):
@@ -214,12 +210,21 @@ def open_wind(path: Path, entry: dict[str, Any], place: Place) -> UniformWind | 
     with errors_at(place):
         check_transforms(scene, prim, at)
         if entry["attribute"] is not None:
-            return _open_uniform_wind(scene, prim, entry["attribute"], place.child("attribute"))
-        return _open_sampled_wind(scene, prim, at)
-
-
-def _open_uniform_wind(scene: SourceScene, prim: Any, name: str, at: Place) -> UniformWind:
-    return UniformWind(scene, prim, _find_numbers(prim, name, (3,), at))
+            return UniformWind(
+                scene, prim, _find_numbers(prim, entry["attribute"], (3,), place.child("attribute"))
+            )
+        if not prim.IsA(UsdGeom.PointBased):
+            at.refuse(f"{prim.GetPath()} holds no points. Give attribute for one vector")
+        base = UsdGeom.PointBased(prim)
+        times = {*read_times(base.GetPointsAttr()), *read_times(base.GetVelocitiesAttr())}
+        for code in [*map(Usd.TimeCode, sorted(times))] or [DEFAULT_TIME]:
+            points, velocities = _field_values(base, code)
+            where = f"{prim.GetPath()} at time code {code}"
+            if len(points) == 0 or len(points) != len(velocities):
+                at.refuse(f"{where}: {len(points)} points and {len(velocities)} velocities")
+            if not (np.isfinite(points).all() and np.isfinite(velocities).all()):
+                at.refuse(f"{where}: values that are not finite")
+        return SampledWind(scene, prim)
 
 
 def _find_numbers(prim: Any, name: str, counts: Sequence[int], at: Place) -> Any:
@@ -286,21 +291,6 @@ def open_attribute(path: Path, entry: dict[str, Any], place: Place) -> SceneAttr
     told = partial(found.describe_motion, ())
     note_read(StageRead(str(path), str(attribute.GetPath()), "motion", 1, describe=told))
     return found
-
-
-def _open_sampled_wind(scene: SourceScene, prim: Any, at: Place) -> SampledWind:
-    if not prim.IsA(UsdGeom.PointBased):
-        at.refuse(f"{prim.GetPath()} holds no points. Give attribute for one vector")
-    base = UsdGeom.PointBased(prim)
-    times = {*read_times(base.GetPointsAttr()), *read_times(base.GetVelocitiesAttr())}
-    for code in [*map(Usd.TimeCode, sorted(times))] or [DEFAULT_TIME]:
-        points, velocities = _field_values(base, code)
-        where = f"{prim.GetPath()} at time code {code}"
-        if len(points) == 0 or len(points) != len(velocities):
-            at.refuse(f"{where}: {len(points)} points and {len(velocities)} velocities")
-        if not (np.isfinite(points).all() and np.isfinite(velocities).all()):
-            at.refuse(f"{where}: values that are not finite")
-    return SampledWind(scene, prim)
 
 
 class SceneCamera(ScenePrim):

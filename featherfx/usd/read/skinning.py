@@ -289,7 +289,30 @@ def find_joint_points(scene: SourceScene, skeleton: Any, joint: int) -> Array:
 def find_skinning(scene: SourceScene, mesh: Any, place: Place) -> Skinning | None:
     """The skinning of a mesh, None where no skeleton moves it. Raises InputError."""
     with usd_errors(mesh.GetPrim()):
-        return _find_skeleton(scene, mesh, place)
+        root = UsdSkel.Root.Find(mesh.GetPrim())
+        if not root:
+            return None
+        cache = UsdSkel.Cache()
+        cache.Populate(root, Usd.TraverseInstanceProxies())
+        query = cache.GetSkinningQuery(mesh.GetPrim())
+        if not query or not (query.HasJointInfluences() or query.HasBlendShapes()):
+            return None
+        path = f"{mesh.GetPath()} in {scene.path}"
+        skeleton_prim = UsdSkel.BindingAPI(mesh.GetPrim()).GetInheritedSkeleton()
+        skeleton = cache.GetSkelQuery(skeleton_prim) if skeleton_prim else None
+        if not skeleton:
+            place.refuse(f"{path}: has joint influences, but skel:skeleton names no valid skeleton")
+        skinning = Skinning(mesh, skeleton, query, cache)
+        _warn_of_animations(mesh, skeleton, path)
+        if query.HasJointInfluences():
+            transforms = skeleton.ComputeSkinningTransforms(EARLIEST_TIME)
+            points = skinning.earliest()
+            if transforms is None or not query.ComputeSkinnedPoints(
+                transforms, points, EARLIEST_TIME
+            ):
+                place.refuse(f"{path}: USD cannot skin it, {_MISFIT}")
+            skinning.first = np.asarray(points)
+        return skinning
 
 
 def explain_stillness(prim: Any) -> str:
@@ -340,28 +363,3 @@ def _warn_of_animations(mesh: Any, skeleton: Any, path: str) -> None:
 def _lacks_schema(prim: Any) -> bool:
     has_any = any(prim.GetProperty(name) for name in _BINDINGS)
     return has_any and not prim.HasAPI(UsdSkel.BindingAPI)
-
-
-def _find_skeleton(scene: SourceScene, mesh: Any, place: Place) -> Skinning | None:
-    root = UsdSkel.Root.Find(mesh.GetPrim())
-    if not root:
-        return None
-    cache = UsdSkel.Cache()
-    cache.Populate(root, Usd.TraverseInstanceProxies())
-    query = cache.GetSkinningQuery(mesh.GetPrim())
-    if not query or not (query.HasJointInfluences() or query.HasBlendShapes()):
-        return None
-    path = f"{mesh.GetPath()} in {scene.path}"
-    skeleton_prim = UsdSkel.BindingAPI(mesh.GetPrim()).GetInheritedSkeleton()
-    skeleton = cache.GetSkelQuery(skeleton_prim) if skeleton_prim else None
-    if not skeleton:
-        place.refuse(f"{path}: has joint influences, but skel:skeleton names no valid skeleton")
-    skinning = Skinning(mesh, skeleton, query, cache)
-    _warn_of_animations(mesh, skeleton, path)
-    if query.HasJointInfluences():
-        transforms = skeleton.ComputeSkinningTransforms(EARLIEST_TIME)
-        points = skinning.earliest()
-        if transforms is None or not query.ComputeSkinnedPoints(transforms, points, EARLIEST_TIME):
-            place.refuse(f"{path}: USD cannot skin it, {_MISFIT}")
-        skinning.first = np.asarray(points)
-    return skinning

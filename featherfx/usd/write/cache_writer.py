@@ -268,18 +268,15 @@ class CacheWriter:
         self._check_finite(bad, frame.time)
         self._next += 1
         if self.ends_chunk(self._next - 1):
-            self._finish_chunk(save)
+            # write the chunk in the background while the next frames come
+            assert self._parts is not None
+            index = self._taken_over + len(self._written)
+            self._written.append(self._chunk.write(self._parts.chunk(index)))
+            self._committing(self._written[-1], save)
 
     def ends_chunk(self, sample: int) -> bool:
         """Return whether a chunk, and with it the state for a resumed bake, ends with a sample."""
         return (sample + 1) % self.chunk == 0 or sample + 1 == self._samples
-
-    def _finish_chunk(self, save: Save | None) -> None:
-        """Write the chunk in the background while the next frames come."""
-        assert self._parts is not None
-        index = self._taken_over + len(self._written)
-        self._written.append(self._chunk.write(self._parts.chunk(index)))
-        self._committing(self._written[-1], save)
 
     def _commit(self, chunk: WrittenChunk, save: Save | None) -> None:
         assert self._parts is not None

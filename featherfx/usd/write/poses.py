@@ -228,7 +228,7 @@ class PosedFeather:
         found, expected = np.shape(given.points.nodes), self._entry.rest_points.nodes.shape
         if own is None and found != expected:
             raise ValueError(f"'{self.id}': {found}, not {expected} nodes")
-        points = self._from_origin(given.points)
+        points = given.points if self.to_origin is None else given.points.shifted(self.to_origin)
         moving = points, given.velocities, given.accelerations
         names = ("velocities", ACCELERATIONS)[: 1 + self._accelerations]
         rates = dict(zip(names, moving[1:], strict=False))
@@ -285,10 +285,6 @@ class PosedFeather:
         A feather that is not simulated in full has its splits of the rest state.
         """
         return given.gaps.hooked if given.gaps else self._split
-
-    def _from_origin(self, points: RowPoints) -> RowPoints:
-        """Return points relative to the root prim."""
-        return points if self.to_origin is None else points.shifted(self.to_origin)
 
     def is_deformed(self, now: Written, before: Written) -> bool:
         """Return whether the feather, as written, differs from an earlier pose by more than its
