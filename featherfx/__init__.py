@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from featherfx.groom.keys.preset import Quality
     from featherfx.groom.types import Groom
     from featherfx.shot.frames import Frame
-    from featherfx.shot.loop.checkpoint import Checkpoint
-    from featherfx.shot.loop.simulate import Simulation
+    from featherfx.shot.loop.simulate import Checkpoint, Simulation
     from featherfx.shot.types import Shot
     from featherfx.usd.read.expand import expand
     from featherfx.usd.read.feather_cache import FeatherCache, FeatherTrack, open_cache

@@ -30,8 +30,7 @@ from featherfx.shot.read.read import read_shot as read_shot_file
 from featherfx.shot.types import Quality, Shot
 
 if TYPE_CHECKING:
-    from featherfx.shot.loop.checkpoint import Checkpoint
-    from featherfx.shot.loop.simulate import Simulation
+    from featherfx.shot.loop.simulate import Checkpoint, Simulation
 
 Folders = Iterable[str | Path]
 

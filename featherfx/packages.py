@@ -39,7 +39,7 @@ PACKAGES = (
     Package(
         "core",
         "Feathers that are stepped one by one under gravity, wind, grips and forces.",
-        stages=("loop.error_stage:ErrorStage",),
+        stages=("loop.run:ErrorStage",),
     ),
     Package(
         "grips",

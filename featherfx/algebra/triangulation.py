@@ -142,7 +142,7 @@ def _rate(polygons: Array, left: Indices, tip: Indices, least: Array) -> Array:
         within &= _doubled_areas(one, other, points) >= -least[:, None]
     for corner in (a, b, c):
         within &= (points != corner).any(axis=2)
-    # return (M, k) whether polygons turn left at their corners (M, k, 2)
+    # (M, k) whether polygons turn left at their corners (M, k, 2)
     before, after = np.roll(points, 1, axis=1), np.roll(points, -1, axis=1)
     within &= ~np.asarray(_doubled_areas(before, points, after) > least[:, None])
     blocked = within.any(axis=1)

@@ -274,7 +274,7 @@ def drawn_entries(
     ):
         barbs = None
         if count:
-            from featherfx.feather.barbules import barbed_feather
+            from featherfx.feather.barb_looks import barbed_feather
 
             shape = placement.kind, grid, count, placement.mirrored
             barbs = barbed_feather(*shape, placement.id, drawn.barbules or 0)

@@ -13,14 +13,12 @@ import numpy as np
 from featherfx.baking.entries import drawn_entries, metadata_of, scenery_of
 from featherfx.baking.task import BakeTask
 from featherfx.files.background import Background
-from featherfx.files.gc_pause import seldom_collected, set_aside
-from featherfx.files.memory import give_back_memory, keep_arrays_apart
+from featherfx.files.memory import give_back_memory, keep_arrays_apart, seldom_collected, set_aside
 from featherfx.jit.compile_progress import PROGRESS
 from featherfx.jit.compiled import request_expected
 from featherfx.phases import phase
 from featherfx.shot.frames import Frame
-from featherfx.shot.loop.checkpoint import Checkpoint
-from featherfx.shot.loop.simulate import Simulation, simulate
+from featherfx.shot.loop.simulate import Checkpoint, Simulation, simulate
 from featherfx.usd.write.cache_writer import CachePlace, CacheWriter, Continuation
 from featherfx.usd.write.layers import format_table
 

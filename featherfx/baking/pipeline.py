@@ -8,15 +8,15 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from featherfx.files.gc_pause import seldom_collected
+from featherfx.files.memory import seldom_collected
 
 if TYPE_CHECKING:
     from featherfx.api import read_shot as read_shot
     from featherfx.baking.accuracy import error_of as error_of
     from featherfx.baking.bake import bake as bake
     from featherfx.baking.check import check as check
-    from featherfx.baking.explain import explain_options as explain_options
-    from featherfx.baking.explain import explained_lines as explained_lines
+    from featherfx.baking.check import explain_options as explain_options
+    from featherfx.baking.check import explained_lines as explained_lines
     from featherfx.baking.export import export as export
     from featherfx.baking.export import export_groom as export_groom
     from featherfx.baking.export import measure_coverage as measure_coverage
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from featherfx.usd.check.check import judge_complete_cache as judge_complete_cache
     from featherfx.usd.check.measures import count_crossings as count_crossings
     from featherfx.usd.check.measures import measure_holes as measure_holes
-    from featherfx.usd.check.plumage import measure_plumage as measure_plumage
+    from featherfx.usd.check.measures import measure_plumage as measure_plumage
     from featherfx.usd.convert.levels import export_levels as export_levels
     from featherfx.usd.convert.retime import retime as retime
     from featherfx.usd.convert.rigid import export_rigid as export_rigid
@@ -41,8 +41,8 @@ _HOMES = {
     "check": "featherfx.baking.check",
     "count_crossings": "featherfx.usd.check.measures",
     "error_of": "featherfx.baking.accuracy",
-    "explain_options": "featherfx.baking.explain",
-    "explained_lines": "featherfx.baking.explain",
+    "explain_options": "featherfx.baking.check",
+    "explained_lines": "featherfx.baking.check",
     "export": "featherfx.baking.export",
     "export_groom": "featherfx.baking.export",
     "export_levels": "featherfx.usd.convert.levels",
@@ -53,7 +53,7 @@ _HOMES = {
     "judge_complete_cache": "featherfx.usd.check.check",
     "measure_coverage": "featherfx.baking.export",
     "measure_holes": "featherfx.usd.check.measures",
-    "measure_plumage": "featherfx.usd.check.plumage",
+    "measure_plumage": "featherfx.usd.check.measures",
     "plan": "featherfx.baking.plan",
     "stats": "featherfx.baking.stats",
     "read_shot": "featherfx.api",

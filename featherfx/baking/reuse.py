@@ -17,7 +17,7 @@ from featherfx.usd.types import OutputError
 from featherfx.usd.write.previous_cache import PreviousCache, describe_changes, is_finished
 
 if TYPE_CHECKING:
-    from featherfx.shot.loop.checkpoint import Checkpoint
+    from featherfx.shot.loop.simulate import Checkpoint
     from featherfx.usd.write.cache_writer import CacheWriter
 
 _GONE = "was begun with samples of a cache that is gone; --overwrite bakes it anew"

@@ -9,7 +9,7 @@ import click
 
 from featherfx.baking import pipeline
 from featherfx.baking.options import TRIAL_SECONDS
-from featherfx.cli.lab.show import plain
+from featherfx.cli.lab.options_from import plain
 from featherfx.cli.options import (
     RealNumber,
     WholeNumber,

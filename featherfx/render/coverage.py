@@ -34,7 +34,7 @@ from featherfx.groom.regions.regions import Tracts
 from featherfx.groom.types import Groom
 from featherfx.render.camera import tile_size
 from featherfx.render.colour import CROSSED, Legend
-from featherfx.usd.check.plumage import measure_overlap
+from featherfx.usd.check.measures import measure_overlap
 from featherfx.usd.check.skins import sample_triangles
 
 if TYPE_CHECKING:

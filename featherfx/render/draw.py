@@ -226,7 +226,7 @@ class Exposure:
 
 
 def draw(path: Path, output: Path, options: PictureOptions, jobs: int) -> list[Path]:
-    """As featherfx.render.picture.render, of arguments that are right."""
+    """As featherfx.render.options.render, of arguments that are right."""
     with phase("reading"):
         subjects = [open_subject(Path(each), options) for each in (path, *options.others)]
         times = _times(path, subjects[0], options, output)
@@ -358,10 +358,6 @@ def _shots(
         Exposure(time, carried(eye, way(time)), name, number)
         for (time, name, number), eye in zip(named, eyes, strict=True)
     ]
-
-
-def _on_floor(shots: Sequence[Exposure], subjects: Sequence[Subject]) -> list[Exposure]:
-    """With a floor as high as the lowest point of all frames, where they are seen from above it."""
 
 
 def _files(output: Path, shots: Sequence[Exposure], options: PictureOptions) -> list[Path]:

@@ -97,7 +97,7 @@ class FeatherEntry:
     colours: linear; None where no feather of the cache has any.
     shape: kind that the feather is built of, whether mirrored, and how many times as large it is;
         condensed feathers are expanded by it.
-    chart: (4,) u, v, du, dv of its texture coordinates in the pictures (usd/write/textures.py).
+    chart: (4,) u, v, du, dv of its texture coordinates in the pictures (usd/write/materials.py).
     look: of its barbs in pictures, as text (groom/looks.py); empty: smooth.
     barb_count: real barbs along each vane; 0: not known.
     """

@@ -9,8 +9,7 @@ import numpy as np
 from test_contact_shots import THICKNESS, baked, bird
 
 from featherfx.shot.contact.pairs import joined, meeting
-from featherfx.shot.loop.checkpoint import Checkpoint
-from featherfx.shot.loop.simulate import simulate
+from featherfx.shot.loop.simulate import Checkpoint, simulate
 from featherfx.shot.types import Motion
 from featherfx.solver.contact.meeting_kernels import cover_ways
 

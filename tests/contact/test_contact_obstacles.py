@@ -10,8 +10,7 @@ import pytest
 from shingled import in_line, least_gap
 
 from featherfx.shot.frames import Frame
-from featherfx.shot.loop.checkpoint import Checkpoint
-from featherfx.shot.loop.simulate import Simulation, simulate
+from featherfx.shot.loop.simulate import Checkpoint, Simulation, simulate
 from featherfx.shot.partition.partition import shot_islands
 from featherfx.shot.types import Contact, Detail, Shelter, Shot
 

@@ -245,7 +245,7 @@ def test_fewer_threads_from_some_frame_on_change_nothing():
 
 
 def test_a_checkpoint_goes_on_bit_by_bit(tmp_path):
-    from featherfx.shot.loop.checkpoint import Checkpoint
+    from featherfx.shot.loop.simulate import Checkpoint
 
     shot = half_wing(bird())
     simulation = simulate(shot, 1, (1, 4))

@@ -6,7 +6,7 @@ from trial_batches import preset_kind
 
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
-from featherfx.lab.feathers.air import (
+from featherfx.lab.feathers.feather import (
     GRID,
     FallTest,
     StreamTest,

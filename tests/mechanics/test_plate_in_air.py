@@ -8,7 +8,7 @@ import pytest
 from featherfx.feather.build import build_feather
 from featherfx.groom.materials import RachisMaterial, VaneMaterial
 from featherfx.groom.types import BarbGuide, FeatherKind, RachisShape, VaneShape
-from featherfx.lab.feathers.air import stream_coefficients
+from featherfx.lab.feathers.feather import stream_coefficients
 from featherfx.mechanics.air_kernels import carried_energy
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads

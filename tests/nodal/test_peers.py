@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from commands import invoke
 
-from featherfx.lab.bench import peer_programs, peers
+from featherfx.lab.bench import peers
 
 
 def test_without_the_peer_the_command_says_what_to_install(monkeypatch, tmp_path):
@@ -40,7 +40,7 @@ def test_page_holds_what_was_measured():
 )
 def test_sheets_of_a_peer_fall_roughly_as_ours_do(program, module):
     pytest.importorskip(module)
-    run = getattr(peer_programs, program)(1.0 / 240.0, 2)
+    run = getattr(peers, program)(1.0 / 240.0, 2)
     assert run.steps == 48
     assert run.tips.shape == (2, 2, 3)
     assert run.tips[:, 1, 2].max() < -0.15

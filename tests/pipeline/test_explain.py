@@ -9,7 +9,7 @@ from commands import invoke
 from places import SAMPLES
 
 from featherfx.api import read_shot
-from featherfx.baking.explain import explain_options, explained_lines
+from featherfx.baking.check import explain_options, explained_lines
 from featherfx.shot.loop.simulate import simulate
 
 OPTIONS = (

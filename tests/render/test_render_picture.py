@@ -221,7 +221,7 @@ def test_all_wrong_options_are_named_at_once(tmp_path, cache):
 
 
 def test_missing_libraries_are_named(tmp_path, cache, monkeypatch):
-    monkeypatch.setattr("featherfx.render.picture.importlib.util.find_spec", lambda name: None)
+    monkeypatch.setattr("featherfx.render.options.importlib.util.find_spec", lambda name: None)
     with pytest.raises(InputError, match=r'pip install "featherfx\[preview\]"'):
         render(cache, tmp_path / "a.png")
 
@@ -239,7 +239,7 @@ def test_a_disk_error_leaves_no_picture(tmp_path, cache, monkeypatch):
 
 def test_import_is_light():
     code = (
-        "import sys, featherfx.render.picture;"
+        "import sys, featherfx.render.options;"
         "sys.exit(any(m in sys.modules for m in ('pxr', 'embreex', 'PIL', 'scipy')))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -7,7 +7,7 @@ import pytest
 from trial_batches import at_origin, rod
 
 from featherfx.errors import InputError
-from featherfx.shot.loop.checkpoint import Checkpoint
+from featherfx.shot.loop.simulate import Checkpoint
 
 
 @pytest.fixture

@@ -12,8 +12,7 @@ from places import SAMPLES
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import LEADING, barb_slice
-from featherfx.shot.loads.forces import force_at, force_weights, hat_integrals
-from featherfx.shot.loads.loads import frame_loads
+from featherfx.shot.loads.loads import force_at, force_weights, frame_loads, hat_integrals
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.types import Force, Shot

@@ -16,8 +16,7 @@ from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Gaps, Model, no_loads
-from featherfx.shot.loop.checkpoint import Checkpoint
-from featherfx.shot.loop.simulate import Simulation, simulate
+from featherfx.shot.loop.simulate import Checkpoint, Simulation, simulate
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.types import Shot
 from featherfx.solver.solver import Settings, Solver, hold_roots

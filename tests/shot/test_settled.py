@@ -11,7 +11,7 @@ from trial_batches import at_origin, preset_batch
 
 from featherfx.errors import SimulationError
 from featherfx.mechanics.model import Loads, no_loads
-from featherfx.shot.loop.settled import _in_motion, settled, standing
+from featherfx.shot.loop.free_group import _in_motion, settled, standing
 from featherfx.solver.solver import (
     MAX_FRAME_ITERATIONS,
     Settings,

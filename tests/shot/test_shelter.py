@@ -10,7 +10,7 @@ import pytest
 from places import SAMPLES
 
 from featherfx.errors import InputError
-from featherfx.shot.loads.wind import exposures
+from featherfx.shot.loads.loads import exposures
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.types import Motion, Shelter, Shot

@@ -10,8 +10,7 @@ import pytest
 from places import SAMPLES
 
 from featherfx.errors import InputWarning
-from featherfx.shot.loop.checkpoint import Checkpoint
-from featherfx.shot.loop.simulate import Simulation, simulate
+from featherfx.shot.loop.simulate import Checkpoint, Simulation, simulate
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.types import LevelOfDetail, Shot
 

@@ -9,7 +9,7 @@ from pxr import Usd, UsdGeom, UsdShade
 import featherfx
 from featherfx.baking.pipeline import export_groom
 from featherfx.errors import InputError
-from featherfx.feather.barbules import barbed_feather
+from featherfx.feather.barb_looks import barbed_feather
 from featherfx.usd.check.check import check_usd
 
 BARBULES = 40

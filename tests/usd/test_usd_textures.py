@@ -18,8 +18,8 @@ import featherfx
 from featherfx.errors import InputError
 from featherfx.usd.check.check import check_usd
 from featherfx.usd.write.cache_writer import CacheWriter
+from featherfx.usd.write.materials import Atlas
 from featherfx.usd.write.options import WriteOptions
-from featherfx.usd.write.textures import Atlas
 
 pytest.importorskip("PIL")
 GROOM = """name = "painted"

@@ -14,14 +14,16 @@ from featherfx.cli.lab.report import report
 from featherfx.cli.options import presets_option, readable_path
 from featherfx.files.atomic_write import write_text
 from featherfx.lab.contact.experiments import ContactTest, run_contact
-from featherfx.lab.feathers.air import (
+from featherfx.lab.feathers.feather import (
     FallTest,
+    FeatherTest,
     StreamTest,
+    feather_kind,
     find_feather_modes,
     measure_fall,
     measure_stream,
+    run_feather,
 )
-from featherfx.lab.feathers.feather import FeatherTest, feather_kind, run_feather
 from featherfx.lab.feathers.full_feather import FullPull, pull_feather
 from featherfx.lab.feathers.strip import PlateTest, StripTest, run_plate, run_strip
 from featherfx.lab.networks.experiments import (

@@ -16,11 +16,11 @@ import click
 
 from featherfx.baking import corpus
 from featherfx.baking.pipeline import bake
-from featherfx.cli.lab.show import show
+from featherfx.cli.lab.options_from import show
 from featherfx.cli.options import WholeNumber, json_option, readable_path
 from featherfx.cli.program import Command, CommandGroup
 from featherfx.files.folders import shipped
-from featherfx.lab.measure import accuracy, plumage, program
+from featherfx.lab.measure import plumage, program
 
 _SAMPLES = shipped("samples")
 _QUICK = ("swan_wing", "feather_pull", "breeze")  # take seconds
@@ -70,7 +70,7 @@ def measure_shot(shots: tuple[Path, ...], as_json: bool) -> None:
     SHOTS: by default samples that take seconds.
     """
     for shot in shots or [_SAMPLES / name / "shot.toml" for name in _QUICK]:
-        show(accuracy.shot_figures(shot), as_json)
+        show(program.shot_figures(shot), as_json)
 
 
 @measure.command("corpus", cls=Command)
@@ -97,7 +97,7 @@ def measure_scaling(preset: str) -> None:
         "rule, size, tip down (%), barbs down (%), first frequency (Hz)",
         (
             (rule, f"{size:g}", f"{100 * tip:.2f}", f"{100 * barbs:.2f}", f"{rate:.2f}")
-            for rule, size, tip, barbs, rate in accuracy.scaling_rows(preset)
+            for rule, size, tip, barbs, rate in program.scaling_rows(preset)
         ),
     )
 

@@ -11,16 +11,16 @@ from featherfx.feather.build import build_feather
 from featherfx.feather.outline import outline_curve
 from featherfx.feather.profiles import at_places, vane_shares
 from featherfx.groom.types import FeatherKind
-from featherfx.lab.feathers.air import (
+from featherfx.lab.feathers.feather import (
     GRID,
     FallTest,
     StreamTest,
+    feather_kind,
     find_feather_modes,
     measure_fall,
     measure_stream,
     stream_coefficients,
 )
-from featherfx.lab.feathers.feather import feather_kind
 from featherfx.lab.ribbons.rod import ModesTest, Rod, find_rod_modes
 from featherfx.lab.studies.study import Comparisons, StudyResult, independent, published
 from featherfx.mechanics.air_kernels import area_vectors

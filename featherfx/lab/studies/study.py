@@ -375,9 +375,9 @@ fibre_rupture tissue:rupture A membrane of fibres is pulled until it tears
     Jacquemoud 2007, sections 4.5 and 4.6
 tissue_laws tissue:laws Laws of soft tissue with the parameters printed for skin
     Jacquemoud 2007, sections 2.4 to 2.6, tables 2-1, 2-2 and A5-3
-contact_rest contact:plates_at_rest Plates that bear each other's load
+contact_rest rods:plates_at_rest Plates that bear each other's load
     Timoshenko and Young 1961
-contact_motion contact:plates_in_motion Plates that swing, slide and collide
+contact_motion rods:plates_in_motion Plates that swing, slide and collide
     Timoshenko and Young 1961; Coulomb's friction
 """
 

@@ -8,10 +8,14 @@ feather f it acts as
 
 neutral: the value that changes nothing. w_f: 1 within the channel; with a soft border it falls
 smoothly to 0 at roots that lie nearest to feathers outside, and a map multiplies it.
+
+Channels that act otherwise than asked: on guided and rigid feathers, of which nothing is solved,
+and on coats without a skin.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,8 +25,10 @@ import numpy as np
 
 from featherfx.algebra.interpolation import faded
 from featherfx.algebra.types import Array, Indices
+from featherfx.errors import InputWarning
 from featherfx.groom.skin.field import search_tree
 from featherfx.shot.clock import StageClock
+from featherfx.shot.options.options import FeatherOptions
 from featherfx.shot.patterns import fits
 from featherfx.shot.types import CHANNELS, Channel, Shot
 
@@ -133,3 +139,38 @@ def product(found: Sequence[Course], name: str, time: float, members: Indices) -
     in s; members: (M,) feathers."""
     own = [each.of_each(time)[members] for each in found if each.channel.name == name]
     return np.prod([np.ones(len(members)), *own], axis=0)
+
+
+# channels that act within the simulation, or on what comes of it
+FELT = ("stiffness", "damping", "wind", "gravity", "follow")
+# those that raise or turn the leaves of a coat together
+_TOGETHER = ("ruffle", "sleek", "turn", "puff")
+
+
+def warn_of_unfelt(shot: Shot, options: Sequence[FeatherOptions]) -> None:
+    """Warn of channels that none of their feathers feels.
+
+    options: of each feather.
+    """
+    solved = np.array([each.is_simulated for each in options], dtype=np.bool_)
+    guided = np.array([each.level == "guided" for each in options], dtype=np.bool_)
+    for course in courses(shot, FELT):
+        name, own = course.channel.name, course.weights > 0.0
+        felt = solved | guided if name == "follow" else solved
+        acts = bool((course.curve.values != CHANNELS[name].neutral).any())
+        if acts and own.any() and not (own & felt).any():
+            number = next(k for k, each in enumerate(shot.channels) if each is course.channel)
+            which = "simulated or guided" if name == "follow" else "simulated"
+            message = f"none of its {int(own.sum())} feathers is {which}, so none feels {name}"
+            message += ". Give them another level in [[detail]]"
+            warnings.warn(f"{shot.source}: channel[{number}]: {message}", InputWarning, 2)
+    if shot.skin is None and shot.groom.coat is not None:
+        coat = np.array([each.leaf is not None for each in shot.groom.feathers], dtype=np.bool_)
+        apart = [(course.weights != 0.0) & coat for course in courses(shot, _TOGETHER)]
+        if apart and (count := int(np.any(apart, axis=0).sum())):
+            warnings.warn(
+                f"{shot.source}: channel: {count} feathers of the coat turn one by one and may pass"
+                " through each other, as the shot has no [skin]. Add one with the groom's skin",
+                InputWarning,
+                2,
+            )

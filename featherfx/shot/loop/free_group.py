@@ -1,21 +1,117 @@
-"""A batch of feathers that push nothing: each is stepped by itself."""
+"""A batch of feathers that push nothing: each is stepped by itself.
+
+Feathers in balance before the first frame, or in full flutter where the wind allows no balance.
+
+Across a wind of 20 m/s a swan primary flutters for good: no pose is at rest, and one that starts
+from any pose in mid-wind is thrown. Such feathers live through some time before the first frame,
+their roots held, in the wind of the first frame: its gusts stand still, as they do for feathers
+that find a balance, so that one that just misses it starts where it would have been.
+
+That time is PRE_ROLL seconds, after which the flutter of a primary is as strong as two seconds
+later, and no more than _MAX_CONVECTIVE_TIMES L/U, of a feather's length and the wind's speed: a
+flapping sheet has a period of about 2 to 5 L/U. Source: Shelley and Zhang 2011.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.types import Flags
+from featherfx.algebra.types import Flags, Indices
+from featherfx.feather.types import turned
 from featherfx.mechanics.model import Loads
 from featherfx.shot.loop.counts import Advanced, Bounds
 from featherfx.shot.loop.groups import ALONE, FeatherGroup
 from featherfx.shot.loop.run import ShotRun
-from featherfx.shot.loop.settled import settled
 from featherfx.shot.loop.sleep import is_at_rest, is_undisturbed, skip_frame
 from featherfx.shot.motion.motion import root_path
-from featherfx.shot.roots import Roots
-from featherfx.solver.solver import RootPath, overload_describer, raise_if_failed
+from featherfx.shot.roots import RootFrames, Roots
+from featherfx.solver.solver import RootPath, Solver, State, overload_describer, raise_if_failed
+from featherfx.solver.state import hold_roots
+from featherfx.solver.status import NO_REST, SEVERAL_RESTS
+
+# s of motion before the first frame, and of one of its intervals
+PRE_ROLL, INTERVAL = 0.5, 1.0 / 24.0
+# L/U, of that motion at most; ratio of the time of one that takes the same steps as another
+_MAX_CONVECTIVE_TIMES, _TIME_RATIO = 100.0, 2.0
+# of the length, way in an INTERVAL at the end of that motion that shows that a feather flutters
+_MIN_FLUTTER_RATIO = 0.05
+
+
+class SettledFeathers(NamedTuple):
+    """Feathers as the first frame finds them: state, and indices of those with several rest poses,
+    and of those that have none and flutter."""
+
+    state: State
+    several: Indices
+    fluttering: Indices
+
+
+def settled(
+    solver: Solver,
+    state: State,
+    loads: Loads,
+    names: Sequence[str],
+    feathers: Sequence[int] | None = None,
+) -> SettledFeathers:
+    """The feathers as the first frame finds them under its loads. feathers: indices, default all.
+
+    At rest where there is a rest; else in motion. Raises SimulationError where one cannot be
+    solved; its time is below 0 in the motion before the first frame.
+    """
+    state, status, _ = solver.equilibrium(state, loads, feathers=feathers)
+    rests = np.isin(status, (NO_REST, SEVERAL_RESTS))
+    raise_if_failed(np.where(rests, 0, status), state.time, names)
+    restless = np.flatnonzero(status == NO_REST)
+    if len(restless):
+        state = _in_motion(solver, state, loads, names, restless)
+    speed = np.linalg.norm(state.velocity.nodes[restless], axis=-1).max(axis=(1, 2), initial=0.0)
+    way = INTERVAL * speed
+    flutters = way > _MIN_FLUTTER_RATIO * solver.model.length[restless].sum(axis=1)
+    return SettledFeathers(state, np.flatnonzero(status == SEVERAL_RESTS), restless[flutters])
+
+
+def moving_with_roots(state: State, rates: tuple[RootFrames, ...]) -> State:
+    """Feathers that move as their roots do, all of a piece.
+
+    rates: of the roots of these feathers, and their first and second rates (see root_rates).
+    """
+    new, (now, first, second) = state.copy(), rates
+    local = turned(now.rotations[:, None], state.points.shifted(-now.positions))
+    for values, rate in ((new.velocity, first), (new.acceleration, second)):
+        moved = turned(np.swapaxes(rate.rotations, -1, -2)[:, None], local)
+        values.assign(moved.shifted(rate.positions))
+    new.smoothed.assign(new.acceleration)
+    return new
+
+
+def standing(loads: Loads, time: float) -> Loads:
+    """Loads whose gusts stay as they are at a time (s)."""
+    phase = loads.wind_phase - loads.wind_rate * time
+    return loads._replace(wind_rate=np.zeros_like(loads.wind_rate), wind_phase=phase)
+
+
+def _in_motion(
+    solver: Solver, state: State, loads: Loads, names: Sequence[str], chosen: np.ndarray
+) -> State:
+    start, path = state.time[chosen].copy(), hold_roots(state)
+    loads = standing(loads, float(start.max(initial=0.0)))
+    wind = np.broadcast_to(np.linalg.norm(loads.wind_mean, axis=-1), solver.model.feathers)[chosen]
+    most_times = _MAX_CONVECTIVE_TIMES * solver.model.length[chosen].sum(axis=1)
+    share = np.minimum(1.0, most_times / np.maximum(PRE_ROLL * wind, 1e-300))
+    halvings = np.ceil(np.log(1.0 / share) / np.log(_TIME_RATIO)).astype(int)
+    most, steps = solver.settings.max_iterations, round(PRE_ROLL / INTERVAL)
+    for number in np.unique(halvings):
+        members, interval = chosen[halvings == number], INTERVAL * _TIME_RATIO**-number
+        state.time[members] -= steps * interval
+        for _ in range(steps):
+            state, report = solver.step(state, loads, path, interval, members.tolist())
+            cause_of = overload_describer(solver.model, state)
+            raise_if_failed(report.status, state.time, names, most, cause_of)
+    state.time[chosen] = start
+    return state
 
 
 class FreeRootPaths:

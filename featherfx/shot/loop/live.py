@@ -14,7 +14,7 @@ from featherfx.feather.types import Feather, RowPoints
 from featherfx.jit.compiled import KernelModule
 from featherfx.mechanics.model import Model
 from featherfx.shot.frames import Frame
-from featherfx.shot.loads.forces import grip_node
+from featherfx.shot.loads.loads import grip_node
 from featherfx.shot.loop.groups import FeatherGroup, grips_of
 from featherfx.shot.loop.simulate import Simulation
 from featherfx.shot.types import Grip, Wind
@@ -150,7 +150,3 @@ def reshaped(before: Model, after: Model, state: State) -> State:
         rest = state.coefficient[f], velocity, float(state.time[f])
         set_pose(after, new, f, frames[f], centres, *rest)
     return new
-
-
-def _chained(model: Model, feather: int, frames: Array, root: Array) -> Array:
-    """(n, 3) points of an unstretched shaft with these row frames (n, 3, 3)."""

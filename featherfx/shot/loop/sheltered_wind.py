@@ -9,7 +9,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array
 from featherfx.mechanics.model import Loads
-from featherfx.shot.loads.wind import exposures
+from featherfx.shot.loads.loads import exposures
 from featherfx.shot.loop.groups import FeatherGroup, GroupLoad
 from featherfx.shot.loop.run import ShotLoad, ShotRun
 from featherfx.shot.roots import arrived

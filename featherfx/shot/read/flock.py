@@ -18,8 +18,8 @@ from featherfx.groom.presets.library import Library
 from featherfx.groom.read.readers import SceneReaders
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.shot.clock import StageClock
-from featherfx.shot.flock.birds import birds_on, look_at_birds, place_birds
 from featherfx.shot.flock.paths import Spline, TurnedSpline, nearest_birds
+from featherfx.shot.flock.shots import birds_on, look_at_birds, place_birds
 from featherfx.shot.flock.types import (
     FLOCK_FILE,
     Bird,

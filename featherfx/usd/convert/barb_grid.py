@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from featherfx.algebra.rotation import shared_turns, vectors_to_frames
 from featherfx.algebra.types import Array, Floats, Indices
-from featherfx.algebra.vectors import face_products
+from featherfx.algebra.vectors import face_products, unit
 from featherfx.errors import InputError, Problem
-from featherfx.feather.types import LEADING, TRAILING
+from featherfx.feather.types import LEADING, TRAILING, RowPoints
+from featherfx.shot.detail.guided import row_frames
 from featherfx.usd.read.cached_feather import CachedFeather
 
 
@@ -95,3 +97,122 @@ def _leading_is_right(grid: BarbGrid, feather: CachedFeather, pose: Any) -> bool
     corners = points[feather.triangles[feather.side != 2]]
     dorsal = face_products(corners).sum(axis=0)
     return float((np.cross(dorsal, tangent) * apart).sum()) < 0.0
+
+
+@dataclass(frozen=True)
+class MeshRows:
+    """Rows of a cached mesh of V points. grid: of its barbs. triangles: (T, 3)."""
+
+    grid: BarbGrid
+    triangles: Indices
+
+    def rows_of(self, points: Array) -> RowPoints:
+        """Nodes and directors of the rows, from points (V, 3)."""
+        rachis, *sides = self.grid.values(points)
+        nodes = np.concatenate([rachis[:, None], *sides], axis=1)
+        # rings of the rachis begin on its leading side and turn to the dorsal one
+        corners = int(np.diff(self.grid.first).min())
+        ring = points[self.grid.tube[self.grid.first[:, None] + np.arange(corners)]]
+        angle = 2.0 * np.pi * np.arange(corners) / corners
+        weights = np.stack([np.cos(angle), np.sin(angle)])
+        return RowPoints(nodes, unit(weights @ (ring - rachis[:, None])))
+
+    def moved(self, points: Array, before: RowPoints, after: RowPoints) -> Array:
+        """Points (V, 3) carried from rows to others."""
+        row, node = self.grid.row, self.grid.node
+        own = before.nodes[row, node], after.nodes[row, node]
+        frames = [row_frames(each.directors[None])[0] for each in (before, after)]
+        carried = np.einsum("nij,nkj->nik", frames[1], frames[0])[row]
+        return own[1] + np.einsum("vij,vj->vi", carried, points - own[0])
+
+
+class MovedRows(NamedTuple):
+    """Rows of a feather at a time, as the cache has them and as they deviate. turns: barbs' turns,
+    (2, n, m, 3)."""
+
+    before: RowPoints
+    after: RowPoints
+    turns: Array
+
+
+def carry_rachis(points: Array, before: RowPoints, after: RowPoints) -> Array:
+    """Points (K, 3) near a rachis carried from its rows to others."""
+    row, fraction = _locate(points, before.nodes[:, 0])
+    frames = [row_frames(each.directors[None])[0] for each in (before, after)]
+    carried = frames[1] @ frames[0].swapaxes(1, 2)
+    ends = [
+        after.nodes[k, 0] + np.einsum("kij,kj->ki", carried[k], points - before.nodes[k, 0])
+        for k in (row, row + 1)
+    ]
+    return np.asarray(ends[0] + fraction[:, None] * (ends[1] - ends[0]))
+
+
+def _locate(points: Array, line: Array) -> tuple[Indices, Array]:
+    """(K,) nearest segments of a line (n, 3), and where they are nearest to points (K, 3), 0 to
+    1."""
+    ways = np.diff(line, axis=0)
+    apart = points[:, None] - line[:-1]
+    along = np.einsum("knc,nc->kn", apart, ways) / np.maximum((ways * ways).sum(axis=1), 1e-30)
+    along = np.clip(along, 0.0, 1.0)
+    off = np.linalg.norm(apart - along[..., None] * ways, axis=2)
+    row = off.argmin(axis=1)
+    return row, np.take_along_axis(along, row[:, None], axis=1)[:, 0]
+
+
+def carry_barbs(points: Array, counts: Indices, sample: MovedRows) -> Array:
+    """Points of barbs, curves of counts (B,) points, whose segments turn with the vane around
+    them."""
+    moved, starts = points.copy(), np.concatenate([[0], np.cumsum(counts)[:-1]])
+    before, after, turns = sample
+    frames = [row_frames(each.directors[None])[0] for each in (before, after)]
+    columns = turns.shape[2]
+    reach = before.nodes[:, [columns, -1]] - before.nodes[:, :1]
+    lateral = before.directors[:, 0]
+    first_sign = np.sign(np.einsum("nsc,nc->s", reach, lateral) @ (1.0, -1.0))
+    for count in np.unique(counts):
+        own = starts[counts == count][:, None] + np.arange(count)
+        curves = points[own]
+        row, fraction = _locate(curves[:, 0], before.nodes[:, 0])
+        ahead = np.einsum("bc,bc->b", curves[:, -1] - curves[:, 0], lateral[row])
+        side = np.where(first_sign * ahead > 0.0, 0, 1)
+        pieces = np.diff(curves, axis=1)
+        lengths = np.linalg.norm(pieces, axis=2)
+        middle = np.cumsum(lengths, axis=1) - 0.5 * lengths
+        place = middle / np.maximum(lengths.sum(axis=1, keepdims=True), 1e-30) * columns - 0.5
+        low = np.clip(np.floor(place).astype(int), 0, max(columns - 2, 0))
+        high = np.minimum(low + 1, columns - 1)
+        part = np.clip(place - low, 0.0, 1.0)[..., None]
+        ends = []
+        for k in (row, row + 1):
+            at = side[:, None], k[:, None]
+            vectors = (1.0 - part) * turns[(*at, low)] + part * turns[(*at, high)]
+            bent = vectors_to_frames(vectors.reshape(-1, 3)).reshape(*vectors.shape, 3)
+            ends.append(frames[1][k][:, None] @ bent @ frames[0][k][:, None].swapaxes(2, 3))
+        first, second = (each.reshape(-1, 3, 3) for each in ends)
+        parts = np.repeat(fraction, count - 1)
+        turned_pieces = shared_turns(first, second, parts) @ pieces.reshape(-1, 3, 1)
+        roots = carry_rachis(curves[:, 0], before, after)
+        ways = np.cumsum(turned_pieces.reshape(pieces.shape), axis=1)
+        moved[own] = np.concatenate([roots[:, None], roots[:, None] + ways], axis=1)
+    return moved
+
+
+def find_normals(points: Array, triangles: Indices) -> Array:
+    """(V, 3) unit normals, weighted by area; points at one place share theirs."""
+    _, key = np.unique(points, axis=0, return_inverse=True)
+    sums = np.zeros_like(points)
+    for corner in triangles.T:
+        np.add.at(sums, key[corner], face_products(points[triangles]))
+    return np.asarray(unit(sums)[key])
+
+
+def carry_directions(directions: Array, before: Array, after: Array, triangles: Indices) -> Array:
+    """(T, 3) directions on triangles that turn with their nearest edges."""
+    edges = [each[triangles[:, [1, 2, 0]]] - each[triangles] for each in (before, after)]
+    near = np.abs(np.einsum("tec,tc->te", unit(edges[0]), directions)).argmax(axis=1)
+    frames = []
+    for edge, points in zip(edges, (before, after), strict=True):
+        along = unit(edge[np.arange(len(near)), near])
+        normal = unit(face_products(points[triangles]))
+        frames.append(np.stack([along, np.cross(normal, along), normal], axis=-1))
+    return np.einsum("tij,tkj,tk->ti", frames[1], frames[0], directions)

@@ -35,14 +35,14 @@ from featherfx.phases import Progress, counted, tells_progress
 from featherfx.shot.detail.guided import INSTANT, Chains, Turns, row_frames
 from featherfx.shot.direction.shapes import along_line, why_no_shaft
 from featherfx.usd.arrays import vec3f
-from featherfx.usd.check.plumage import find_intersecting
-from featherfx.usd.convert.barb_grid import find_grid
-from featherfx.usd.convert.carried_points import (
+from featherfx.usd.check.measures import find_intersecting
+from featherfx.usd.convert.barb_grid import (
     MeshRows,
     MovedRows,
     carry_barbs,
     carry_directions,
     carry_rachis,
+    find_grid,
     find_normals,
 )
 from featherfx.usd.convert.merge import begin_export, copy_layer, flatten_stage

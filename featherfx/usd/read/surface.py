@@ -64,7 +64,7 @@ from featherfx.usd.read.values import (
 )
 
 if TYPE_CHECKING:
-    from featherfx.usd.read.limit_surface import LimitSurface
+    from featherfx.usd.read.mesh_topology import LimitSurface
 
 
 class _KnotPose(NamedTuple):

@@ -183,7 +183,7 @@ def author_ranges(prim: Any, feathers: Sequence[Any], **starts: Indices) -> None
 def paint_primvars(entries: Sequence[FeatherEntry], part: str) -> dict[str, Any]:
     """Return the primvars that shaders take besides colours, as far as there are any.
 
-    These are places in the images (textures.py) and SHADING. part: MESH_PRIM or BARB_PRIM.
+    These are places in the images (materials.py) and SHADING. part: MESH_PRIM or BARB_PRIM.
     """
     values: dict[str, Any] = {}
     if entries[0].chart is not None:
