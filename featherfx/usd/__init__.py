@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from featherfx.usd.read import opening as opening
     from featherfx.usd.read import stage as stage
     from featherfx.usd.write import condensed as condensed
+    from featherfx.usd.write import materials as materials
     from featherfx.usd.write import previous_cache as previous_cache
-    from featherfx.usd.write import textures as textures
 
 _MODULES = {
     "condensed": "write.condensed",  # --as condensed, --as both
@@ -24,7 +24,7 @@ _MODULES = {
     "opening": "read.opening",  # skins, grooms and scenery of USD files
     "previous_cache": "write.previous_cache",  # --resume, or a cache at the output
     "stage": "read.stage",  # skins, grooms and scenery of USD files
-    "textures": "write.textures",  # --textures, and iridescent feathers
+    "materials": "write.materials",  # --textures, and iridescent feathers
 }
 
 

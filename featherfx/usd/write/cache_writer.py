@@ -127,7 +127,7 @@ class CacheWriter:
         check_arguments(self._path, feathers, frames, frames_per_second, options)
         self._frames, space = frames, replace(StageSpace.from_options(options), origin=place.origin)
         self._subframes, pixels = options.subframes, options.textures
-        self._atlas = usd.textures.Atlas(len(feathers), pixels) if pixels else None
+        self._atlas = usd.materials.Atlas(len(feathers), pixels) if pixels else None
         self._feathers = self._atlas.given_to(feathers) if self._atlas else tuple(feathers)
         extras = {*options.diagnostics, *([ACCELERATIONS] * options.accelerations)}
         form = CacheForm.of(options)
@@ -300,7 +300,7 @@ class CacheWriter:
         check_output(self._path, options.overwrite or (options.resume and own), self._layout)
         pictures = self._atlas.files(self._path) if self._atlas else []
         if pictures:
-            usd.textures.refuse_textures(pictures, options.overwrite)
+            usd.materials.refuse_textures(pictures, options.overwrite)
         files = [*pictures, *output_files(self._path, self._layout)]
         return {file: standing(file) for file in files}
 
