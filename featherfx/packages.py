@@ -18,7 +18,7 @@ class Package(NamedTuple):
 
     tables: attributes of a shot, of which one that is set asks for the package; none: every shot
     has it. stages: parts of the frame loop, and loads: what acts on feathers (shot/loop/run.py).
-    levels: what changes levels of detail (shot/detail/levels.py). roots: what changes the motion of
+    levels: what changes levels of detail (shot/detail/guides.py). roots: what changes the motion of
     roots, (shot, Roots) -> Roots. dependences: what the motion of each feather depends on, (shot,
     Roots) -> values, None for none; spreads: the same of what it shares with others, (shot,
     ShotOptions, texts) -> texts (shot/partition/dependence.py).
@@ -64,7 +64,7 @@ PACKAGES = (
         "Levels of detail by table, length or camera; guided and rigid feathers.",
         tables=("details", "level_of_detail", "quality.guided_below", "quality.rigid_below"),
         stages=("detail.followers:FollowerStage",),
-        levels=("detail.levels:refine_levels",),
+        levels=("detail.guides:refine_levels",),
         spreads=("detail.guides:add_guides",),
     ),
     Package(
@@ -98,10 +98,10 @@ PACKAGES = (
         "channels",
         "Feathers that are directed over time: turned, stiffened, calmed, exaggerated.",
         tables=("channels",),
-        stages=("direction.follow_through:FollowThrough",),
+        stages=("direction.channels:FollowThrough",),
         loads=(
-            "direction.material_channels:WindLoads",
-            "direction.material_channels:MaterialLoads",
+            "direction.channels:WindLoads",
+            "direction.channels:MaterialLoads",
         ),
         roots=("direction.roots:direct_roots",),
         dependences=("direction.roots:depend_on_channels",),

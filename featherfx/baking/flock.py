@@ -30,9 +30,16 @@ from featherfx.errors import InputError, InputWarning, Problem, as_figure
 from featherfx.files.atomic_write import standing, write_text
 from featherfx.groom.document import Document
 from featherfx.groom.read.toml_text import toml_text
-from featherfx.shot.flock.paths import bird_poses
 from featherfx.shot.flock.shots import frame_times, near_tables, replay_tables
-from featherfx.shot.flock.types import FAR_BIRD, MIDDLE_BIRD, NEAR_BIRD, WAYS, Bird, FlockShot
+from featherfx.shot.flock.types import (
+    FAR_BIRD,
+    MIDDLE_BIRD,
+    NEAR_BIRD,
+    WAYS,
+    Bird,
+    FlockShot,
+    bird_poses,
+)
 from featherfx.shot.read.flock import read_flock
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.types import OutputError, StageSpace

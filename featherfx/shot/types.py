@@ -322,7 +322,7 @@ class Target(ByValue, SomeFeathers):
 
 @dataclass(frozen=True)
 class LevelOfDetail:
-    """Levels of detail by size in the image (featherfx/shot/detail/levels.py).
+    """Levels of detail by size in the image (featherfx/shot/detail/guides.py).
 
     camera: None: all feathers are seen at pixels_per_metre.
     """

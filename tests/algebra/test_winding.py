@@ -6,7 +6,7 @@ import trimesh
 
 from featherfx.algebra.triangulation import orient, triangulate
 from featherfx.algebra.vectors import face_products
-from featherfx.groom.skin.faults import signed_volume
+from featherfx.groom.skin.points import signed_volume
 
 BALL = trimesh.creation.icosphere(subdivisions=2)
 POINTS, FACES = np.array(BALL.vertices), np.array(BALL.faces, dtype=np.int64)

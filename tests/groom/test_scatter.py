@@ -8,8 +8,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from featherfx.groom.regions.scatter import expected_count, hashed, scatter, uniform
-from featherfx.groom.skin.faults import crossing_triangles
-from featherfx.groom.skin.points import SkinSurface
+from featherfx.groom.skin.points import SkinSurface, crossing_triangles
 
 RADIUS = 0.2
 

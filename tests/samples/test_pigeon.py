@@ -17,7 +17,7 @@ from featherfx.feather.placed_feathers import build_feathers
 from featherfx.groom.keys.anatomy import TRACTS
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.read.read import read_groom as read_placed
-from featherfx.groom.skin.faults import signed_volume, skin_doubts
+from featherfx.groom.skin.points import signed_volume, skin_doubts
 from featherfx.shot.loop.placement import lay_out
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.stage import open_scene

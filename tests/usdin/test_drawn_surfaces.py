@@ -9,7 +9,7 @@ from usdin_scenes import add_curves, add_mesh, new_stage, sheet
 from featherfx.api import read_groom, read_shot
 from featherfx.baking.export import export_groom
 from featherfx.errors import InputError
-from featherfx.groom.skin.faults import signed_volume
+from featherfx.groom.skin.points import signed_volume
 from featherfx.usd.read.cache import Cache
 
 GROOM = """name = "g"

@@ -14,7 +14,7 @@ from featherfx.api import read_groom, read_shot
 from featherfx.baking.export import export_groom
 from featherfx.errors import InputError, InputWarning
 from featherfx.groom.keys.problems import Place, Problems
-from featherfx.groom.skin.faults import signed_volume
+from featherfx.groom.skin.points import signed_volume
 from featherfx.groom.skin.skin import closest
 from featherfx.render.options import PictureOptions
 from featherfx.render.subject import open_subject

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from featherfx.groom.keys.places import POINT, SPACE_KEYS, Direction
 from featherfx.groom.keys.preset import DIAL_KEYS, FEATHER_KEYS, names_or_list
-from featherfx.groom.keys.stages import DRAWN_KEYS
 from featherfx.groom.keys.values import (
     ArrayOf,
     Flag,
@@ -15,12 +14,50 @@ from featherfx.groom.keys.values import (
     Partial,
     Table,
     Text,
+    TextsByName,
     keys_of,
     tables,
     vector,
 )
 from featherfx.groom.types import Joint
 from featherfx.limits import MAX_FEATHERS
+
+_PURPOSES = ("default", "render", "proxy", "guide")
+
+VARIANT_KEYS = {
+    "variant_sets": Key(
+        TextsByName(),
+        'Variants to choose, by variant set: { look = "bird" }; default: those of the stage.',
+        {},
+    ),
+}
+SURFACE_KEYS = {
+    "subdivision": Key(
+        Flag(),
+        "Whether a mesh is the subdivided surface that renderers draw, or its cage.",
+        True,
+    ),
+}
+PICTURE_KEYS = {
+    "uv": Key(Text(), "Primvar of the mesh that holds texture coordinates.", "st"),
+    "wrap": Key(
+        Text(("black", "clamp", "repeat", "mirror")),
+        "Pictures outside of 0 to 1: 0, their edge, again, or again turned round. A name with "
+        "<UDIM> is a set of tiles, outside of which is 0.",
+        "black",
+    ),
+}
+DRAWN_KEYS = VARIANT_KEYS | {
+    "purposes": Key(
+        ArrayOf(Text(_PURPOSES), 1, len(_PURPOSES)),
+        "Purposes of the prims that are read where no path names them.",
+        ("default", "render"),
+    ),
+    "invisible": Key(
+        Flag(), "Whether invisible prims are read, too, where no path names them.", False
+    ),
+}
+
 
 # what a primvar is called where [[usd]] does not say otherwise
 DEFAULT_PRIMVARS = {

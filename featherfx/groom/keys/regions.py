@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from featherfx.groom.keys.groom import PICTURE_KEYS, SURFACE_KEYS, VARIANT_KEYS
 from featherfx.groom.keys.places import POINT, RADIUS_LENGTH, Direction, Sphere
 from featherfx.groom.keys.preset import DIAL_KEYS, FEATHER_KEYS, names_or_list
-from featherfx.groom.keys.stages import PICTURE_KEYS, SURFACE_KEYS, VARIANT_KEYS
 from featherfx.groom.keys.values import (
     ArrayOf,
     Either,

@@ -32,7 +32,6 @@ from featherfx.groom.regions.kinds import (
     region_kinds,
     shapes,
 )
-from featherfx.groom.regions.previous_ids import read_previous, take_ids
 from featherfx.groom.regions.rules import (
     GroomSkin,
     Presence,
@@ -45,8 +44,10 @@ from featherfx.groom.regions.rules import (
 from featherfx.groom.regions.scatter import (
     Scattered,
     expected_count,
+    read_previous,
     scatter,
     scatter_by_density,
+    take_ids,
 )
 from featherfx.groom.skin.field import search_tree
 from featherfx.groom.skin.points import SkinSource, SkinSurface, SurfacePoints

@@ -30,8 +30,7 @@ from featherfx.errors import InputWarning, as_figure
 from featherfx.feather.types import stacked
 from featherfx.mechanics.model import Loads, Model
 from featherfx.shot.detail.guided import Turns
-from featherfx.shot.direction.channels import Curve
-from featherfx.shot.direction.follow_through import ShownTurns, scaled_turns
+from featherfx.shot.direction.channels import Curve, ShownTurns, scaled_turns
 from featherfx.shot.direction.shapes import refuse_other_shapes, shape_of
 from featherfx.shot.frames import FeatherPose
 from featherfx.shot.loop.groups import FeatherGroup, GroupLoad

@@ -12,17 +12,20 @@ from scipy.stats import qmc
 from featherfx.algebra.rotation import frames_to_quats
 from featherfx.algebra.types import Array
 from featherfx.groom.keys.preset import Wind
-from featherfx.shot.flock.paths import BirdPath, Spline, bird_poses, forward_turn
 from featherfx.shot.flock.types import (
     FAR_BIRD,
     MIDDLE_BIRD,
     NEAR_BIRD,
     Bird,
     BirdGroup,
+    BirdPath,
     FlockShot,
     GroupOfFlock,
     Loop,
     SeenFrom,
+    Spline,
+    bird_poses,
+    forward_turn,
 )
 from featherfx.shot.view import TimedCamera, relative_sizes
 

@@ -18,7 +18,6 @@ from featherfx.groom.presets.library import Library
 from featherfx.groom.read.readers import SceneReaders
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.shot.clock import StageClock
-from featherfx.shot.flock.paths import Spline, TurnedSpline, nearest_birds
 from featherfx.shot.flock.shots import birds_on, look_at_birds, place_birds
 from featherfx.shot.flock.types import (
     FLOCK_FILE,
@@ -28,6 +27,9 @@ from featherfx.shot.flock.types import (
     GroupOfFlock,
     Loop,
     SeenFrom,
+    Spline,
+    TurnedSpline,
+    nearest_birds,
 )
 from featherfx.shot.read.read import read_preset, read_shot
 from featherfx.shot.view import TimedCamera

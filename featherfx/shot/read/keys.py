@@ -5,9 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from featherfx.groom.keys.groom import GROOM_KEYS, USD_KEYS
+from featherfx.groom.keys.groom import (
+    DRAWN_KEYS,
+    GROOM_KEYS,
+    PICTURE_KEYS,
+    SURFACE_KEYS,
+    USD_KEYS,
+    VARIANT_KEYS,
+)
 from featherfx.groom.keys.problems import Place
-from featherfx.groom.keys.stages import DRAWN_KEYS, PICTURE_KEYS, SURFACE_KEYS, VARIANT_KEYS
 from featherfx.groom.keys.values import (
     ArrayOf,
     Either,

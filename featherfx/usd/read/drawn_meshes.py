@@ -13,8 +13,8 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from featherfx.algebra.types import Array
+from featherfx.groom.keys.groom import DRAWN_KEYS
 from featherfx.groom.keys.problems import Place, Problems
-from featherfx.groom.keys.stages import DRAWN_KEYS
 from featherfx.provenance import LeftOut
 from featherfx.usd.read.skinning import Skinning, find_skinning
 from featherfx.usd.read.stage import SourceScene, prims_below

@@ -14,7 +14,7 @@ from pxr import UsdGeom, UsdSkel
 from featherfx.algebra.types import Array, Flags
 from featherfx.errors import InputWarning, all_of
 from featherfx.groom.keys.problems import Place, Problems, nearest
-from featherfx.groom.skin.faults import skin_doubts
+from featherfx.groom.skin.points import skin_doubts
 from featherfx.provenance import StageRead, note_read
 from featherfx.usd.read.curves import is_curves, read_prim_curves
 from featherfx.usd.read.mesh_topology import read_primvar
