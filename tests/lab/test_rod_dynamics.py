@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from featherfx.feather.types import both
-from featherfx.lab.ribbons.oracles import link_chain
 from featherfx.lab.ribbons.rod import (
     ReleaseTest,
     Rod,
@@ -62,21 +61,6 @@ def plucked(rod, direction, height):
         shape = found / found[-1]
         scale *= height / found[-1]
     return model, state
-
-
-@pytest.mark.slow
-def test_released_rod_against_a_chain_of_links():
-    """The first swing down and back; the reference is extrapolated from 8 and 16 links."""
-    times = np.linspace(0.0, 1.5, 31)
-    coarse, fine = (link_chain(n, 1.0, 1.0, 1.0, 10.0, times) for n in (8, 16))
-    expected = fine + (fine - coarse) / 3.0
-    swing = release(ReleaseTest(ROD, 1.5, 1e-5, samples=30))
-    error = np.linalg.norm(swing.tip[:, [0, 2]] - expected, axis=1)
-    lowest = expected[:, 1].argmin()
-    assert expected[lowest, 1] < -0.8
-    assert 5 < lowest < 25
-    assert error.max() < 0.01
-    assert swing.energy == pytest.approx(0.0, abs=5e-3 * 5.0)
 
 
 def test_rows_and_tolerance_of_a_released_rod_converge():

@@ -204,7 +204,8 @@ def test_the_page_is_of_today(tmp_path):
     page = ROOT / "docs/validation/validation.json"
     quick = study.studies(
         [
-            *("elastica", "frequencies", "fibre_merging", "fibre_space"),
+            *("elastica", "frequencies", "fibre_merging", "fibre_space", "heavy_elastica"),
+            *("bend_45", "released_rod"),
             *("vane_mesoscale", "guard_truss", "feather_masses", "ribbon_shell", "tissue_laws"),
             "feathers_in_air",
         ]
