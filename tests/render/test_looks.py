@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 from pxr import Gf, Sdf, Usd, UsdGeom
 from scipy.spatial import ConvexHull
+from usd_meshes import SQUARE, define_mesh
 
 from featherfx import export_groom
 from featherfx.errors import InputError, InputWarning
@@ -145,12 +146,7 @@ def two_squares(tmp_path):
 
 
 def define_square(stage, name, half, height):
-    mesh = UsdGeom.Mesh.Define(stage, f"/{name}")
-    corners = ((-1, -1), (1, -1), (1, 1), (-1, 1))
-    mesh.CreatePointsAttr([(half * x, half * y, height) for x, y in corners])
-    mesh.CreateFaceVertexCountsAttr([4])
-    mesh.CreateFaceVertexIndicesAttr([0, 1, 2, 3])
-    return mesh
+    return define_mesh(stage, f"/{name}", half * SQUARE + (0.0, 0.0, height), scheme=None)
 
 
 def test_shadows_are_soft(two_squares, tmp_path):

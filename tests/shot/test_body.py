@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from bird_of_cubes import CUBE, GROOM, SHOT, TURN, WALK, WAY, write_body
 from farm.farm_cases import SerialEngine, options_of
-from pxr import Usd, UsdGeom, Vt
+from usd_meshes import SQUARE, define_mesh, new_stage
 
 import featherfx
 from featherfx.algebra.rotation import from_angles
@@ -93,14 +93,8 @@ prims = ["/floor"]
 def test_a_body_that_goes_through_the_floor_is_told(shot, tmp_path, low, away, said):
     """It stands 5 mm within the floor at first, and goes down and up again."""
     write_body(tmp_path / "body.usda", "still")
-    stage = Usd.Stage.CreateNew(str(tmp_path / "floor.usda"))
-    floor = UsdGeom.Mesh.Define(stage, "/floor")
-    corners = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]) * 0.5 - (0, 0, 0.045)
-    floor.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.float32(corners)))
-    floor.CreateFaceVertexCountsAttr([4])
-    floor.CreateFaceVertexIndicesAttr([0, 1, 2, 3])
-    UsdGeom.SetStageUpAxis(stage, "Z")
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    stage = new_stage(tmp_path / "floor.usda")
+    define_mesh(stage, "/floor", 0.5 * SQUARE - (0, 0, 0.045), scheme=None)
     stage.Save()
     beside = [
         (0.04, (away, 0, 0)),

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from places import ROOT, SAMPLES
 from pxr import Gf, Usd, UsdGeom, Vt
+from usd_meshes import define_mesh, level_grid, new_stage
 
 import featherfx
 from featherfx.errors import InputWarning
@@ -138,21 +139,11 @@ HALF_TURNS = {"x": (1, -1, -1), "y": (-1, 1, -1), "z": (-1, -1, 1)}
 
 def write_skin(path, place, moved, rate=24.0, codes=range(-4, 20), by="points"):
     """A sheet that flies. place: (3,) m by frame. moved: (turn (3,), way (3,)) after the cut."""
-    stage = Usd.Stage.CreateInMemory()
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    UsdGeom.SetStageUpAxis(stage, "Z")
-    stage.SetTimeCodesPerSecond(rate)
-    body = UsdGeom.Xform.Define(stage, "/b")
-    mesh = UsdGeom.Mesh.Define(stage, "/b/skin")
-    x, y = np.meshgrid(np.linspace(-0.2, 0.2, 5), np.linspace(-0.2, 0.2, 5))
-    rest = np.column_stack([x.ravel(), y.ravel(), np.zeros(25)])
-    first = (5 * np.arange(4)[:, None] + np.arange(4)).ravel()
-    mesh.CreateFaceVertexCountsAttr([4] * 16)
-    faces = np.stack([first, first + 1, first + 6, first + 5], axis=1)
-    mesh.CreateFaceVertexIndicesAttr(faces.ravel().tolist())
-    mesh.CreateSubdivisionSchemeAttr("none")
-    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(rest.astype(np.float32)))
-    op = body.AddTransformOp()
+    path.unlink(missing_ok=True)
+    stage = new_stage(path, rate=rate)
+    op = UsdGeom.Xform.Define(stage, "/b").AddTransformOp()
+    rest, faces = level_grid(-0.2, 0.2, 5)
+    mesh = define_mesh(stage, "/b/skin", rest, faces)
     for code in codes:
         turn, way = moved if code * 24.0 / rate > LAST + 1e-6 else ((1, 1, 1), (0, 0, 0))
         places = (rest + place(code * 24.0 / rate)) * turn + way
@@ -162,7 +153,7 @@ def write_skin(path, place, moved, rate=24.0, codes=range(-4, 20), by="points"):
             matrix = np.diag([*turn, 1.0]).astype(float)
             matrix[3, :3] = place(code * 24.0 / rate) * turn + way
             op.Set(Gf.Matrix4d(*matrix.ravel().tolist()), code)
-    stage.GetRootLayer().Export(str(path))
+    stage.Save()
 
 
 def baked(folder, more="", keys="", subframes=1, last=11):

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
+from usd_meshes import SQUARE, define_mesh
 
 import featherfx
 from featherfx.algebra.rotation import from_rotation_vector
@@ -173,12 +174,7 @@ def write_skeleton(path):
 def add_body(path):
     """A square below the wing, which the arm carries, so that it does not move."""
     stage = Usd.Stage.Open(str(path))
-    body = UsdGeom.Mesh.Define(stage, "/bird/body")
-    body.CreateSubdivisionSchemeAttr("none")
-    corners = [(-0.1, -0.2, 0.025), (0.1, -0.2, 0.025), (0.1, 0.1, 0.025), (-0.1, 0.1, 0.025)]
-    body.CreatePointsAttr([Gf.Vec3f(*each) for each in corners])
-    body.CreateFaceVertexCountsAttr([4])
-    body.CreateFaceVertexIndicesAttr([0, 1, 2, 3])
+    body = define_mesh(stage, "/bird/body", SQUARE * (0.1, 0.15, 0.0) + (0.0, -0.05, 0.025))
     binding = UsdSkel.BindingAPI.Apply(body.GetPrim())
     binding.CreateSkeletonRel().SetTargets(["/bird/skeleton"])
     binding.CreateJointIndicesPrimvar(True, 1).Set([0])

@@ -10,6 +10,7 @@ import pytest
 from commands import invoke
 from places import SAMPLES
 from pxr import Usd, UsdGeom, Vt
+from usd_meshes import define_mesh, level_grid, new_stage
 
 import featherfx
 from featherfx.algebra.rotation import about_x
@@ -248,18 +249,9 @@ def test_check_measures_caches_and_is_strict_where_asked(caches, tmp_path):
 @pytest.mark.parametrize("height", [0.002, -5e-5, -0.002])
 def test_vanes_in_the_skin_are_as_deep_as_they_lie(tmp_path, height):
     skin, path = tmp_path / "skin.usda", tmp_path / "cache.usdc"
-    stage = Usd.Stage.CreateNew(str(skin))
-    mesh = UsdGeom.Mesh.Define(stage, "/skin")
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    UsdGeom.SetStageUpAxis(stage, "Z")
-    side = np.linspace(-0.5, 0.5, 41)
-    grid = np.stack(np.meshgrid(side, side, [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
-    first = (41 * np.arange(40)[:, None] + np.arange(40)).ravel()
-    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(grid.astype(np.float32)))
-    mesh.CreateFaceVertexCountsAttr([4] * len(first))
-    corners = np.stack([first, first + 41, first + 42, first + 1], axis=1)
-    mesh.CreateFaceVertexIndicesAttr(corners.ravel().tolist())
-    stage.GetRootLayer().Save()
+    stage = new_stage(skin)
+    define_mesh(stage, "/skin", *level_grid(-0.5, 0.5, 41), scheme=None)
+    stage.Save()
     named = {"role": "skin", "file": "skin.usda", "prim": "/skin"}
     named |= dict.fromkeys(("start", "first", "time_codes_per_frame"), 1.0)
     told = {"scenery": {"0": named}, "thickness": 1e-4}

@@ -6,7 +6,7 @@ import feathers
 import numpy as np
 import pytest
 from commands import invoke
-from pxr import Gf, Usd, UsdGeom
+from usd_meshes import SQUARE, define_mesh, new_stage
 
 from featherfx.baking.pipeline import measure_plumage
 from featherfx.usd.types import FeatherEntry
@@ -27,15 +27,9 @@ def write(folder, places, **options):
     ]
     with CacheWriter(path, entries, None, 24.0, WriteOptions(**options)):
         pass
-    stage = Usd.Stage.CreateNew(str(skin))
-    UsdGeom.SetStageMetersPerUnit(stage, 0.01)
-    UsdGeom.SetStageUpAxis(stage, "Z")
-    mesh = UsdGeom.Mesh.Define(stage, "/skin")
-    corners = [(-50, -50, 0), (50, -50, 0), (50, 50, 0), (-50, 50, 0)]
-    mesh.CreatePointsAttr([Gf.Vec3f(*each) for each in corners])
-    mesh.CreateFaceVertexCountsAttr([4])
-    mesh.CreateFaceVertexIndicesAttr([0, 1, 2, 3])
-    stage.GetRootLayer().Save()
+    stage = new_stage(skin, 0.01)
+    define_mesh(stage, "/skin", 50.0 * SQUARE, scheme=None)
+    stage.Save()
     return path, skin
 
 

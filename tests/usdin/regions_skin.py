@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 from pxr import Sdf, UsdGeom, Vt
+from usd_meshes import define_mesh
 from usdin_scenes import new_stage
 
 from featherfx.api import read_groom
@@ -16,13 +17,8 @@ FLOAT, VECTOR = Sdf.ValueTypeNames.FloatArray, Sdf.ValueTypeNames.Vector3fArray
 def write_skin(folder, mesh=None, meters_per_unit=1.0):
     mesh = mesh or trimesh.creation.icosphere(3, radius=RADIUS)
     stage = new_stage(folder / "skin.usda", meters_per_unit)
-    skin = UsdGeom.Mesh.Define(stage, "/skin")
-    skin.CreateSubdivisionSchemeAttr("none")
-    points = np.array(mesh.vertices) / meters_per_unit
-    faces = np.array(mesh.faces)
-    skin.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points.astype(np.float32)))
-    skin.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(faces), 3, np.int32)))
-    skin.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.astype(np.int32).ravel()))
+    points, faces = np.array(mesh.vertices) / meters_per_unit, np.array(mesh.faces)
+    skin = define_mesh(stage, "/skin", points, faces)
     api = UsdGeom.PrimvarsAPI(skin)
     height = (points[:, 2] * meters_per_unit / RADIUS).astype(np.float32)
     api.CreatePrimvar("top", FLOAT, "vertex").Set(Vt.FloatArray.FromNumpy(np.clip(height, 0, 1)))

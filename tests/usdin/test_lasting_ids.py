@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 import trimesh
-from pxr import Gf, UsdGeom, Vt
+from pxr import Gf, UsdGeom
 from scipy.spatial.transform import Rotation
+from usd_meshes import define_mesh
 from usdin_scenes import new_stage
 
 from featherfx import export_groom
@@ -39,11 +40,7 @@ def published(folder, points, faces, *, density=3000, matrix=None, keys=""):
     body = UsdGeom.Xform.Define(stage, "/body")
     if matrix is not None:
         body.AddTransformOp().Set(Gf.Matrix4d(matrix.tolist()))
-    mesh = UsdGeom.Mesh.Define(stage, "/body/skin")
-    mesh.CreateSubdivisionSchemeAttr("none")
-    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.asarray(points, dtype=np.float32)))
-    mesh.CreateFaceVertexCountsAttr([len(face) for face in faces])
-    mesh.CreateFaceVertexIndicesAttr([int(k) for face in faces for k in face])
+    define_mesh(stage, "/body/skin", points, faces)
     stage.GetRootLayer().Save()
     (folder / "groom.toml").write_text(
         "name = 'g'\n[skin]\nusd = 'skin.usda'\nprim = '/body/skin'\n[[region]]\nid = 'r'\n"

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pxr import Sdf, UsdGeom, Vt
 from regions_skin import SKIN, grown, region, roots
+from usd_meshes import define_mesh
 from usdin_scenes import new_stage
 
 from featherfx.algebra.subdivision import refine
@@ -40,12 +41,7 @@ SOME = 13
 def write(folder, points, faces, scheme=None, **attributes):
     """A stage skin.usda with a mesh, and that."""
     stage = new_stage(folder / "skin.usda", 1.0)
-    mesh = UsdGeom.Mesh.Define(stage, "/skin")
-    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points.astype(np.float32)))
-    mesh.CreateFaceVertexCountsAttr([len(face) for face in faces])
-    mesh.CreateFaceVertexIndicesAttr(np.concatenate(faces).tolist())
-    if scheme is not None:
-        mesh.CreateSubdivisionSchemeAttr(scheme)
+    mesh = define_mesh(stage, "/skin", points, faces, scheme)
     for name, value in attributes.items():
         mesh.GetPrim().GetAttribute(name).Set(value)
     stage.GetRootLayer().Save()
