@@ -45,3 +45,12 @@ def face_products(corners: Array) -> Array:
     """(T, 3) normals of triangles (T, 3, 3), twice their area long."""
     a, b, c = (corners[:, k].T for k in range(3))
     return cross_columns(b - a, c - a).T
+
+
+def vertex_normals(points: Array, triangles: Indices) -> Array:
+    """(V, 3) unit, the mean of the triangles around weighted by area; zero where there are none."""
+    sums = [
+        sum(np.bincount(corner, each, len(points)) for corner in triangles.T)
+        for each in face_products(points[triangles]).T
+    ]
+    return np.asarray(unit(np.stack(sums, axis=1)))

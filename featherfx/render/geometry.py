@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.types import Array, Flags, Floats, Indices
-from featherfx.algebra.vectors import unit
+from featherfx.algebra.vectors import vertex_normals
 from featherfx.errors import Problem, require
 from featherfx.feather.types import LEADING, RACHIS_PART, TRAILING
 from featherfx.groom.keys.problems import nearest
@@ -82,20 +82,6 @@ def apart(points: Array, triangles: Indices, normals: Array, colours: Array) -> 
     corners = triangles.ravel()
     own = np.arange(len(corners)).reshape(-1, 3)
     return geometry_of(points[corners], own, 0, normals[corners], np.repeat(colours, 3, axis=0))
-
-
-def vertex_normals(points: Array, triangles: Indices) -> Array:
-    """(V, 3) unit, the mean of the triangles around weighted by area; zero where there are none."""
-    a, b, c = (points[triangles[:, k]] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    summed = np.stack(
-        [
-            sum(np.bincount(triangles[:, k], normal[:, axis], len(points)) for k in range(3))
-            for axis in range(3)
-        ],
-        axis=1,
-    )
-    return np.asarray(unit(summed))
 
 
 class DrawnGrid(NamedTuple):

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vectors import vertex_normals
 from featherfx.provenance import StageRead, note_read
 from featherfx.render.camera import Eye
 from featherfx.render.colour import (
@@ -32,7 +33,6 @@ from featherfx.render.geometry import (
     load_points,
     load_pose,
     load_scene,
-    vertex_normals,
 )
 from featherfx.render.light_kernels import EYE, SKIN_MATERIAL
 from featherfx.render.options import PictureOptions

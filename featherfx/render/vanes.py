@@ -10,7 +10,7 @@ import numpy as np
 
 from featherfx.algebra.interpolation import faded
 from featherfx.algebra.types import Array, Floats, Indices
-from featherfx.algebra.vectors import unit
+from featherfx.algebra.vectors import unit, vertex_normals
 from featherfx.feather.types import RACHIS_PART
 from featherfx.files.content import stable_number
 from featherfx.groom.looks import BarbLook
@@ -21,7 +21,6 @@ from featherfx.render.geometry import (
     geometry_of,
     joined,
     topology_of,
-    vertex_normals,
 )
 from featherfx.render.light_kernels import SKIN_MATERIAL
 from featherfx.render.strips import (

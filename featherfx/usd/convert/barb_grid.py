@@ -10,7 +10,7 @@ import numpy as np
 
 from featherfx.algebra.rotation import shared_turns, vectors_to_frames
 from featherfx.algebra.types import Array, Floats, Indices
-from featherfx.algebra.vectors import face_products, unit
+from featherfx.algebra.vectors import face_products, unit, vertex_normals
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import LEADING, TRAILING, RowPoints
 from featherfx.shot.detail.guided import row_frames
@@ -199,11 +199,8 @@ def carry_barbs(points: Array, counts: Indices, sample: MovedRows) -> Array:
 
 def find_normals(points: Array, triangles: Indices) -> Array:
     """(V, 3) unit normals, weighted by area; points at one place share theirs."""
-    _, key = np.unique(points, axis=0, return_inverse=True)
-    sums = np.zeros_like(points)
-    for corner in triangles.T:
-        np.add.at(sums, key[corner], face_products(points[triangles]))
-    return np.asarray(unit(sums)[key])
+    places, key = np.unique(points, axis=0, return_inverse=True)
+    return np.asarray(vertex_normals(places, key[triangles])[key])
 
 
 def carry_directions(directions: Array, before: Array, after: Array, triangles: Indices) -> Array:

@@ -62,6 +62,12 @@ def copy_layer(layer: Any) -> Any:
     return copy
 
 
+def notes_of(stage: Any) -> dict[str, Any]:
+    """Return what a cache says of itself, without what is true of its bake alone."""
+    told = stage.GetRootLayer().customLayerData.get("featherfx")
+    return {k: v for k, v in told.items() if k not in _OF_BAKE} if isinstance(told, dict) else {}
+
+
 def flatten(path: str | Path, output: str | Path, overwrite: bool = False) -> Path:
     """Write a cache of any layout as one file without references, clips or sublayers.
 
@@ -75,6 +81,8 @@ def flatten(path: str | Path, output: str | Path, overwrite: bool = False) -> Pa
     return written(layer)
 
 
+# notes of a bake, which a cache in another form is not
+_OF_BAKE = ("settings", "inputs", "dependences", "layout", "chunk")
 _DIFFERING = "feathers"  # the only setting in which shares of one cache differ
 _METADATA = (
     "metersPerUnit", "upAxis", "timeCodesPerSecond", "framesPerSecond", "startTimeCode",

@@ -18,14 +18,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from pxr import Gf, Sdf, UsdGeom, Vt
 
-from featherfx.algebra.rotation import frames_to_quats, rotation_part
+from featherfx.algebra.rotation import along_rows, frames_to_quats, rotation_part
 from featherfx.algebra.types import Array, Indices
-from featherfx.algebra.vectors import dots
 from featherfx.errors import InputError, Problem
 from featherfx.phases import counted
 from featherfx.usd import arrays
 from featherfx.usd.arrays import vec3f
-from featherfx.usd.convert.merge import begin_export, copy_layer, flatten_stage
+from featherfx.usd.convert.merge import begin_export, copy_layer, flatten_stage, notes_of
 from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, HALF_VELOCITIES, RANGES_PREFIX
 from featherfx.usd.write.layers import FEATHERS_SCOPE, SCOPES
 from featherfx.usd.write.output import unique_prim_names
@@ -36,8 +35,6 @@ _MOVED = ("points", "extent", "normals", BARB_DIRECTION)
 _OF_POINTS = ("points", "velocities", ACCELERATIONS, "normals", "widths")
 _OF_FACES = ("faceVertexCounts", "curveVertexCounts")
 _LABELS = tuple(f"primvars:{name}" for name in ("featherId", "featherKind", "region"))
-# of a bake, which a cache in another form is not
-OF_BAKE = ("settings", "inputs", "dependences", "layout", "chunk")
 _TRANSLATE, _ORIENT = "xformOp:translate", "xformOp:orient"
 
 
@@ -110,10 +107,8 @@ def export_rigid(
     found = dict(each for mesh in meshes for each in _find_rigid(layer, mesh, allowed))
     for scope, end in SCOPES.values():
         _write_scope(layer, parts[scope], found, end)
-    told = stage.GetRootLayer().customLayerData.get("featherfx")
-    notes = told.items() if isinstance(told, dict) else ()
-    kept = {name: value for name, value in notes if name not in OF_BAKE}
-    layer.customLayerData = {"featherfx": {**kept, "rigid": len(found), "rigidWithin": tolerance}}
+    told = {"rigid": len(found), "rigidWithin": tolerance}
+    layer.customLayerData = {"featherfx": {**notes_of(stage), **told}}
     written(layer)
     return len(found)
 
@@ -362,7 +357,7 @@ def _author_transform(layer: Any, path: Any, codes: Sequence[float], motion: Rig
     for name in _RATES:
         if name in spec.properties:
             spec.RemoveProperty(spec.properties[name])
-    quats = _continuous(frames_to_quats(motion.turns))
+    quats = along_rows(frames_to_quats(motion.turns))
     translate, orient = (path.AppendProperty(name) for name in (_TRANSLATE, _ORIENT))
     Sdf.JustCreatePrimAttributeInLayer(layer, translate, Sdf.ValueTypeNames.Float3)
     Sdf.JustCreatePrimAttributeInLayer(layer, orient, Sdf.ValueTypeNames.Quatf)
@@ -379,10 +374,3 @@ def _author_transform(layer: Any, path: Any, codes: Sequence[float], motion: Rig
         layer, order, Sdf.ValueTypeNames.TokenArray, Sdf.VariabilityUniform
     )
     layer.GetAttributeAtPath(order).default = Vt.TokenArray([_TRANSLATE, _ORIENT])
-
-
-def _continuous(quats: Array) -> Array:
-    """Return quaternions (F, 4), each with the sign nearest to its predecessor."""
-    turned = dots(quats[1:], quats[:-1]) < 0.0
-    signs = np.cumprod(np.concatenate([[1.0], np.where(turned, -1.0, 1.0)]))
-    return np.asarray(quats * signs[:, None])

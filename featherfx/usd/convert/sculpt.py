@@ -30,6 +30,7 @@ from featherfx.algebra.rotation import rotation_vectors, vectors_to_frames
 from featherfx.algebra.types import Array
 from featherfx.errors import InputError, InputWarning, Problem, as_figure, require_type
 from featherfx.feather.types import RowPoints, both, turned
+from featherfx.groom.frames import along_polyline
 from featherfx.groom.keys.problems import Place, Problems, nearest
 from featherfx.phases import Progress, counted, tells_progress
 from featherfx.shot.detail.guided import INSTANT, Chains, Turns, row_frames
@@ -45,8 +46,8 @@ from featherfx.usd.convert.barb_grid import (
     find_grid,
     find_normals,
 )
-from featherfx.usd.convert.merge import begin_export, copy_layer, flatten_stage
-from featherfx.usd.convert.rigid import OF_BAKE, FeatherPrim, extent_of, find_prims
+from featherfx.usd.convert.merge import begin_export, copy_layer, flatten_stage, notes_of
+from featherfx.usd.convert.rigid import FeatherPrim, extent_of, find_prims
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.cached_feather import read_members
 from featherfx.usd.read.opening import open_stage
@@ -194,10 +195,7 @@ def sculpt(
     if hint and np.shape(hint.default) == (2, 3):
         every = np.array([hint.default, *corners])
         hint.default = vec3f([every[:, 0].min(axis=0), every[:, 1].max(axis=0)])
-    told = stage.GetRootLayer().customLayerData.get("featherfx")
-    notes = dict(told) if isinstance(told, dict) else {}
-    kept = {name: value for name, value in notes.items() if name not in OF_BAKE}
-    layer.customLayerData = {"featherfx": {**kept, "sculpted": Path(path).name}}
+    layer.customLayerData = {"featherfx": {**notes_of(stage), "sculpted": Path(path).name}}
     made = written(layer)
     _warn_of_order(cache, Cache(made), feathers, str(poses))
     return made
@@ -288,7 +286,8 @@ def _fit(
             if why := why_no_shaft(line - rows.nodes[0, 0], station[-1]):
                 raise InputError(Problem(str(source), "", f"the curve of {at} {why}"))
             deviations[code] = Deviation.between(rows, along_line(rows, station, line))
-            shown, wanted = deviations[code].posed(rows).nodes[:, 0], _at_fractions(line, station)
+            shown = deviations[code].posed(rows).nodes[:, 0]
+            wanted = along_polyline(line, station / station[-1])
         off[code] = float(np.linalg.norm(shown - wanted, axis=1).max() / station[-1])
     worst = max(off, key=lambda code: off[code])
     if off[worst] > _OFF_TOLERANCE:
@@ -298,13 +297,6 @@ def _fit(
         message += f" {worst:g}: its root stays, and rachis and barbs keep their lengths"
         warnings.warn(f"{source}: {message}", InputWarning, stacklevel=2)
     return SculptedFeather(name, index, mesh, deviations, fade)
-
-
-def _at_fractions(line: Array, station: Array) -> Array:
-    """(n, 3) points of a curve at the fractions of its length that stations (n,) are of theirs."""
-    way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
-    places = station / station[-1] * way[-1]
-    return np.stack([np.interp(places, way, each) for each in line.T], axis=1)
 
 
 class _Writer:
