@@ -109,9 +109,10 @@ def _modes(
     if kind is not None and (test.rod.length, test.rod.ei) != (None, None):
         raise click.UsageError("--kind has its own --length and --ei. Leave them out")
     if kind is None:
-        yield find_rod_modes(test)
+        found = find_rod_modes(test)
     else:
-        yield find_feather_modes(kind, test.count, air, preset_folders)
+        found = find_feather_modes(kind, test.count, air, preset_folders)
+    yield {"frequencies_hz": found.frequencies, "decrements": found.decrements}
 
 
 def _ribbon(test: HangTest) -> Iterator[Any]:

@@ -58,7 +58,7 @@ from featherfx.solver.damping import with_damping
 from featherfx.solver.scratch import make_scratch
 from featherfx.solver.solver import Settings, Solver, hold_roots, raise_if_failed
 from featherfx.solver.state import State, rest_state
-from featherfx.solver.step.modes import damped_modes
+from featherfx.solver.step.modes import DampedModes, damped_modes
 from featherfx.solver.types import IntegratorFactors
 
 Kinematics = Literal["nodal", "barb-curvature"]
@@ -325,14 +325,6 @@ _STILL = Wind(direction=np.array([0.0, -1.0, 0.0]), speed=0.0)
 
 
 @dataclass(frozen=True)
-class FeatherModes:
-    """Lowest modes of a feather that is held at its root. frequencies_hz, decrements: (count,)."""
-
-    frequencies_hz: Array
-    decrements: Array
-
-
-@dataclass(frozen=True)
 class StreamTest:
     """Force of an even stream across the rachis on a feather in its rest shape."""
 
@@ -373,7 +365,7 @@ class Fall:
 
 def find_feather_modes(
     kind: str, count: int, in_air: bool, preset_folders: tuple[str | Path, ...] = ()
-) -> FeatherModes:
+) -> DampedModes:
     """Find the modes of a feather preset in vacuum, or in still air that it carries.
 
     Raises InputError with a preset that is none, and a count that is out of range.
@@ -383,7 +375,7 @@ def find_feather_modes(
     if not allowed.holds(count):
         require(Problem("modes", "count", f"{count} is not allowed. Give {allowed}"))
     density = _STILL.air_density if in_air else 0.0
-    return FeatherModes(*damped_modes(model, 0, count, density))
+    return damped_modes(model, 0, count, density)
 
 
 def measure_stream(test: StreamTest, preset_folders: tuple[str | Path, ...] = ()) -> StreamForces:

@@ -182,7 +182,7 @@ def _damped(name: str) -> Comparisons:
     loss, found = kind.vane_material.loss_factor, find_feather_modes(name, 3, True)
     source = independent("closed form: pi times the loss factor")
     for mode, decrement in enumerate(found.decrements, 1):
-        note = f"at {found.frequencies_hz[mode - 1]:.3g} Hz; of the materials alone"
+        note = f"at {found.frequencies[mode - 1]:.3g} Hz; of the materials alone"
         text = f"decrement of mode {mode} of {name}"
         rows.compare(text, decrement, np.pi * loss, 0.3 * loss, source, absolute=True, note=note)
     return rows
