@@ -7,8 +7,8 @@ SQUARE = np.array([(-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (1.0, 1.0, 0.0), (-1.0, 
 
 
 def new_stage(path, unit=1.0, up="Z", rate=None):
-    """Open a new stage. unit: m. rate: time codes a second."""
-    stage = Usd.Stage.CreateNew(str(path))
+    """Open a new stage. path: None for memory. unit: m. rate: time codes a second."""
+    stage = Usd.Stage.CreateInMemory() if path is None else Usd.Stage.CreateNew(str(path))
     UsdGeom.SetStageMetersPerUnit(stage, unit)
     UsdGeom.SetStageUpAxis(stage, up)
     if rate is not None:

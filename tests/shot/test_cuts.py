@@ -139,8 +139,7 @@ HALF_TURNS = {"x": (1, -1, -1), "y": (-1, 1, -1), "z": (-1, -1, 1)}
 
 def write_skin(path, place, moved, rate=24.0, codes=range(-4, 20), by="points"):
     """A sheet that flies. place: (3,) m by frame. moved: (turn (3,), way (3,)) after the cut."""
-    path.unlink(missing_ok=True)
-    stage = new_stage(path, rate=rate)
+    stage = new_stage(None, rate=rate)
     op = UsdGeom.Xform.Define(stage, "/b").AddTransformOp()
     rest, faces = level_grid(-0.2, 0.2, 5)
     mesh = define_mesh(stage, "/b/skin", rest, faces)
@@ -153,7 +152,7 @@ def write_skin(path, place, moved, rate=24.0, codes=range(-4, 20), by="points"):
             matrix = np.diag([*turn, 1.0]).astype(float)
             matrix[3, :3] = place(code * 24.0 / rate) * turn + way
             op.Set(Gf.Matrix4d(*matrix.ravel().tolist()), code)
-    stage.Save()
+    stage.Export(str(path))
 
 
 def baked(folder, more="", keys="", subframes=1, last=11):
