@@ -16,14 +16,17 @@ half the diagonal of such a step, 0.065 % of the length, and most numbers are 0.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.density import hermite_weights
-from featherfx.feather.types import Array, Indices, RowPoints, stacked
+from featherfx.feather.types import Array, Indices, RowPoints, both, stacked
+from featherfx.jit.compiled import KernelModule
+
+detail_kernels = KernelModule("featherfx.feather.detail_kernels")
 
 _DETAIL_STEP = 7.5e-4
 _MAX_DETAIL = 2**30
@@ -31,8 +34,7 @@ _MAX_DETAIL = 2**30
 _AT_ONCE = 128
 
 
-@dataclass(frozen=True)
-class ThinnedGrid:
+class ThinnedGrid(NamedTuple):
     """The rows and nodes of a grid that are kept. rows: (n,). nodes: (1 + 2 k,), the rachis' first.
     along: (N, n) weights of the rows that are kept in all, and across: (1 + 2 m, 1 + 2 k) of the
     nodes."""
@@ -50,7 +52,8 @@ class ThinnedGrid:
     def select(self, points: RowPoints) -> RowPoints:
         """Select the kept nodes and directors, or their rates."""
         nodes = points.nodes[..., self.rows[:, None], self.nodes, :]
-        return RowPoints(nodes, points.directors[..., self.rows, :, :])
+        # in one order, so that kernels have one form
+        return both(np.ascontiguousarray, RowPoints(nodes, points.directors[..., self.rows, :, :]))
 
 
 @lru_cache(maxsize=256)
@@ -101,51 +104,14 @@ def restored(
 ) -> RowPoints:
     """All nodes and directors of F feathers again, from what is kept of them; as of detail_of."""
     nodes, frames = _led(kept, rest, thin)
-    missed = detail * (_DETAIL_STEP * lengths)[:, None, None, None]
-    nodes += np.einsum("frij,fjrn->frni", frames, missed)
+    detail_kernels.add_detail(detail, _DETAIL_STEP * lengths, frames, nodes)
     return RowPoints(nodes, np.stack([frames[..., 1], frames[..., 2]], axis=-2))
 
 
 def _led(kept: RowPoints, rest: RowPoints, thin: ThinnedGrid) -> tuple[Array, Array]:
     """Return all nodes (F, N, 1 + 2 m, 3) as those that are kept lead them, and frames of the
     rows."""
-    rest_kept, rest_frames = thin.select(rest), _frames(rest.directors)
-    standing_off = _within(rest_frames, rest.nodes)
-    deviation = _within(_frames(kept.directors), kept.nodes)
-    deviation -= standing_off[:, thin.rows[:, None], thin.nodes]
-    # one product a feather, so that its last bits do not depend on who else is asked for
-    count, rows, few, _ = deviation.shape
-    across = deviation.swapaxes(-1, -2).reshape(count, -1, few) @ thin.across.T
-    led = thin.along @ across.reshape(count, rows, -1)
-    standing_off += led.reshape(count, led.shape[1], 3, -1).swapaxes(-1, -2)
-    now, then = (_frames(_along(thin, each.directors)) for each in (kept, rest_kept))
-    turns = now @ np.swapaxes(then, -1, -2)
-    missed = rest.nodes[:, :, 0] - thin.along @ rest_kept.nodes[:, :, 0]
-    rachis = thin.along @ kept.nodes[:, :, 0] + (turns @ missed[..., None])[..., 0]
-    frames = turns @ rest_frames
-    return rachis[:, :, None] + standing_off @ np.swapaxes(frames, -1, -2), frames
-
-
-def _along(thin: ThinnedGrid, directors: Array) -> Array:
-    """(F, N, 2, 3) directors of all rows from those that are kept, not yet of unit length."""
-    count, rows = directors.shape[:2]
-    return (thin.along @ directors.reshape(count, rows, 6)).reshape(count, -1, 2, 3)
-
-
-def _within(frames: Array, nodes: Array) -> Array:
-    """Nodes as seen from the rachis, in the frame of their row."""
-    return np.asarray((nodes - nodes[:, :, :1]) @ frames)
-
-
-def _frames(directors: Array) -> Array:
-    """(..., 3, 3) orthonormal, its columns along the rachis, d2 and d3 of directors (..., 2, 3)
-    that are nearly so."""
-    lateral, dorsal = directors[..., 0, :], directors[..., 1, :]
-    lateral = lateral / _length(lateral)
-    dorsal = dorsal - lateral * (lateral * dorsal).sum(axis=-1, keepdims=True)
-    dorsal = dorsal / _length(dorsal)
-    return np.stack([np.cross(lateral, dorsal), lateral, dorsal], axis=-1)
-
-
-def _length(vectors: Array) -> Array:
-    return np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
+    nodes, frames = np.empty_like(rest.nodes), np.empty((*rest.nodes.shape[:2], 3, 3))
+    spread = np.empty((len(thin.rows), *rest.nodes.shape[2:]))
+    detail_kernels.lead_nodes(kept, rest, thin, spread, nodes, frames)
+    return nodes, frames

@@ -39,7 +39,6 @@ from featherfx.feather.types import (
     Indices,
     RowMap,
     RowPoints,
-    both,
     stacked,
 )
 from featherfx.groom.looks import BarbLook, colour_of
@@ -473,18 +472,22 @@ class _CondensedPrim:
 
     def _whole(self, kept: RowPoints, code: Any) -> RowPoints:
         """Return all nodes and directors of all rows, from the kept ones."""
-        sizes = self._grids_written[:, 0] * (1 + 2 * self._grids_written[:, 1]) * 3
+        rows, wide = self._grids_written[:, 0], 1 + 2 * self._grids_written[:, 1]
+        sizes, counts = rows * wide * 3, np.diff(self._starts)
         detail = self._shaped(DETAIL_ATTRIBUTE, code, INTEGER_ARRAY, (int(sizes.sum()),))
-        found: list[RowPoints] = [kept] * len(sizes)
-        each, rows = np.split(detail, np.cumsum(sizes)[:-1]), _row_slices(self._starts)
+        nodes = np.empty((int(rows.sum()), int(wide.max(initial=1)), 3))
+        whole = RowPoints(nodes, np.empty((len(nodes), 2, 3)))
         for own in self._thinned:
-            some = stacked([RowPoints(*(part[rows[k]] for part in kept)) for k in own.members])
-            shape = len(own.members), 3, *own.rest.nodes.shape[1:3]
-            steps = np.stack([each[k] for k in own.members]).reshape(shape)
-            whole = restored(some, own.rest, own.lengths, steps, own.thin)
-            for place, k in enumerate(own.members):
-                found[k] = whole.at(place)
-        return both(lambda *parts: np.concatenate(parts), *found)
+            mine = np.zeros(len(sizes), dtype=np.bool_)
+            mine[own.members] = True
+            few, number = np.repeat(mine, counts), len(own.members)
+            some = RowPoints(*(p[few].reshape(number, -1, *p.shape[1:]) for p in kept))
+            steps = detail[np.repeat(mine, sizes)]
+            steps = steps.reshape(number, 3, *own.rest.nodes.shape[1:3])
+            found = restored(some, own.rest, own.lengths, steps, own.thin)
+            for part, values in zip(whole, found, strict=True):
+                part[np.repeat(mine, rows)] = values.reshape(-1, *part.shape[1:])
+        return whole
 
     @cached_property
     def _leading_is_right(self) -> Flags:
