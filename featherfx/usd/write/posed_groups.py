@@ -112,6 +112,13 @@ class _JoinedBlock:
         self._left_leads = np.repeat([each.left_leads for each in feathers], rachises)
         rows = np.cumsum([0, *(grid[0] for grid in self.grids)])
         starts = np.cumsum([0, *(len(each.row) for each in surfaces)])
+        thinned = [each.thin for each in feathers if each.thin]
+        # rows and nodes that are written, None: all; feathers have the same columns
+        self._kept = (
+            (_offset_indices([each.rows for each in thinned], rows), thinned[0].nodes)
+            if thinned
+            else None
+        )
         count = int(starts[-1])
         none = read_only(np.zeros((0, 2)))
         self._drawn = DrawnSurface(
@@ -161,17 +168,13 @@ class _JoinedBlock:
         return bool(finite)
 
     def _joined(self, points: Sequence[RowPoints]) -> RowPoints:
-        """As _joined, of what is written of the feathers."""
-        if not self._form.thinned:
-            return _join_rows(points)
-        pairs = zip(points, self._feathers, strict=True)
-        return _join_rows([f.thin.select(each) if f.thin else each for each, f in pairs])
-
-
-def _join_rows(points: Sequence[RowPoints]) -> RowPoints:
-    """Return the rows of all feathers, one after the other."""
-    nodes = np.concatenate([each.nodes for each in points], dtype=np.float64)
-    return RowPoints(nodes, np.concatenate([each.directors for each in points], dtype=np.float64))
+        """Return what is written of the rows of all feathers, one after the other."""
+        nodes = np.concatenate([each.nodes for each in points], dtype=np.float64)
+        directors = np.concatenate([each.directors for each in points], dtype=np.float64)
+        if self._kept is None:
+            return RowPoints(nodes, directors)
+        rows, columns = self._kept
+        return RowPoints(np.take(nodes[rows], columns, axis=1), directors[rows])
 
 
 def _offset_indices(indices: Sequence[NDArray[Any]], starts: Indices) -> Indices:
