@@ -16,7 +16,7 @@ from featherfx.algebra.vector_kernels import (
 )
 from featherfx.jit.compiled import kernel
 
-_NO_LENGTH = 1e-12
+_NO_LENGTH = 1e-12  # keeps a director that is 0 from being divided by 0
 
 
 @kernel
