@@ -133,6 +133,24 @@ def test_skin_layer_and_feathers_move_as_one(shot, tmp_path, body):
     assert np.linalg.norm(carriers[1][0] - carriers[0][0]) > 0.3
 
 
+def test_a_wing_goes_with_its_body_where_the_skin_at_its_shoulder_bends(shot, tmp_path):
+    """A neck drives the cube that the wing's first feathers stand on."""
+    write_bird(tmp_path)
+    wings = SHOT[SHOT.index("right_wing_shoulder =") : SHOT.index("[[motion.motions]]")]
+    bent = SHOT.replace(wings, 'neck = "arm"\n').replace('"right_wing_shoulder"', '"neck"')
+    shot.write_text(bent)
+    read = featherfx.read_shot(shot)
+    time, wing = 0.125, [each.turning is not None for each in read.groom.feathers]
+    bare = replace(read, skin=None, surfaces=None)
+    found, alone = (root_motion(each).frames(time) for each in (read, bare))
+    turn = find_tracks(bare).rotations[24, 0]
+    walked = alone.positions + turn @ WALK
+    np.testing.assert_allclose(found.positions[wing], walked[wing], atol=2e-6)
+    np.testing.assert_allclose(found.rotations[wing], alone.rotations[wing], atol=2e-5)
+    on_arm = [each.id for each in read.groom.feathers].index("on_arm")
+    assert np.abs(found.rotations[on_arm] - alone.rotations[on_arm]).max() > 0.1
+
+
 @pytest.mark.parametrize(
     ("before", "after", "message"),
     [

@@ -12,6 +12,7 @@ from commands import invoke
 from test_bird_motions import BIRD, SHOT, read
 
 from featherfx.errors import InputError, InputWarning
+from featherfx.feather.shapes import build_plane_feathers
 from featherfx.shot.motion.joint_tracks import find_tracks
 from featherfx.shot.motion.joints import joint_roots, skeleton_of
 from featherfx.shot.motion.motion import joint_poses
@@ -282,24 +283,23 @@ def test_a_stroke_ends_before_a_broad_body_and_no_sooner_than_it_needs(tmp_path,
     wings = [each for each in shot.groom.feathers if "wing" in each.joint]
     own = [each for each in wings if not each.joint.endswith("wrist")]
     groom, skeleton = replace(shot.groom, feathers=tuple(own)), skeleton_of(shot.groom)
-    size = np.array([(each.kind.length, each.kind.width / 2.0) for each in own])
+    nodes = np.stack([f.rest.nodes.reshape(-1, 3) for f in build_plane_feathers(own, 8, 2)])
     shoulder = shot.groom.joints[0].position[2]
 
     def nearest(away):
-        """m, from the shoulder to the end that comes nearest to a body that far away from it."""
+        """m, from the shoulder to the point that comes nearest to a body that far away from it."""
         beside = replace(shot, groom=replace(shot.groom, skin=slab(shoulder - side * away, side)))
         roots = joint_roots(groom, skeleton, joint_poses(shot.motion, beside, skeleton))
         frames = [roots.frames(time) for time in np.linspace(0.0, 1 / 6, 33)]
-        ends = (size * f.rotations[:, 2, :2] * (1.0, edge) for f in frames for edge in (1, -1))
-        heights = [f.positions[:, 2] for f in frames for _ in range(2)]
-        both = zip(heights, ends, strict=True)
-        return max(float((side * (shoulder - at - end.sum(axis=1))).max()) for at, end in both)
+        places = [f.positions[:, None] + nodes @ f.rotations.swapaxes(1, 2) for f in frames]
+        return float((side * (shoulder - np.stack(places)[..., 2])).max())
 
     far = nearest(0.2)
     with pytest.warns(
         InputWarning, match=rf"stroke_amplitude: strokes are {told_as} by \d+ degrees"
     ) as told:
-        low, high = nearest(0.03), nearest(0.02)
+        low, high = nearest(0.028), nearest(0.02)
     assert len({str(each.message) for each in told}) == 2
-    assert far > 0.035
-    assert 0.03 > low > 0.02 > high > 0.01
+    assert far > 0.034
+    assert 0.028 > low > 0.024
+    assert 0.02 > high > 0.016

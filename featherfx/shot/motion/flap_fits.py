@@ -20,7 +20,7 @@ from weakref import ReferenceType, ref
 import numpy as np
 
 from featherfx.algebra.interpolation import eased
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots, face_products, unit
 from featherfx.errors import InputWarning
 from featherfx.groom.skin.field import search_tree
@@ -42,10 +42,18 @@ _MAX_BEND = math.radians(150.0)  # of an elbow or wrist without a hinge
 _BISECTIONS = 24  # of a factor of folds
 _ENDS = 0.5, 0.0  # phases of a stroke's bottom and top
 # phases about an end that are looked at, and bisections of where it is
-_PHASES, _END_BISECTIONS = (-0.12, -0.07, -0.035, 0.0, 0.035, 0.07, 0.12), 6
-# places on a feather, over its length and its width, that keep off the body; tips are narrow
-_WIDTHS = (0.4, 0.5), (0.7, 0.5), (0.9, 0.3)
-_PLACES = np.array([*((x, side * y) for x, y in _WIDTHS for side in (-1, 0, 1)), (1.0, 0.0)])
+_PHASES, _END_BISECTIONS = tuple(0.03 * k for k in range(-4, 5)), 6
+_APART = 0.15  # s, about a beat: of knots that are farther apart, the middle is looked at
+# places on a feather, over its length and its width, by which those near the body are found
+_PLACES = np.array([(x, y) for x in (0.4, 0.7, 1.0) for y in (-0.6, 0.0, 0.6)])
+# rows and columns of their shapes, and the first row that keeps off the body
+_ROWS, _COLUMNS, _FIRST = 8, 2, 3
+# of the body's size, by which they do, as they move on between the phases; by eye
+_CLEARANCE = 0.0036
+_ROUGHLY = 4.0  # times that, within which feathers are near
+_NEAR = 30.0  # times that, within which faces are looked for
+# cosine of the angle at which a way to the nearest face leaves that face, so that it counts
+_FACING = 0.5
 # fits that are remembered: grooms, what their beats are asked for, and beats
 _KNOWN = deque[tuple["ReferenceType[Groom]", str, tuple[Flap, Wings]]](maxlen=16)
 
@@ -69,13 +77,6 @@ def fitted_beat(
         flap = BeatFit(flap, wings, groom, skeleton, source).kept_off()
     _KNOWN.append((ref(groom), asked, (flap, wings)))
     return flap, wings
-
-
-# of the body's size, by which they do, so that curved ones do too; by eye
-_CLEARANCE = 0.012
-_NEAR = 30.0  # times that, within which faces are looked for
-# cosine of the angle at which a way to the nearest face leaves that face, so that it counts
-_FACING = 0.5
 
 
 @dataclass(frozen=True)
@@ -121,7 +122,7 @@ class BeatFit:
         degree or more before its amplitude has it, warn."""
         numbers = self.flap.numbers
         knots = sorted({*numbers["stroke_amplitude"][0], *numbers["stroke_plane"][0]})
-        times = sorted({*knots, *(0.5 * (a + b) for a, b in pairwise(knots))})
+        times = sorted([*knots, *(0.5 * (a + b) for a, b in pairwise(knots) if b - a > _APART)])
         raised, lowered = ([self._shortened(end, time) for time in times] for end in _ENDS)
         told = [
             f"{what} by {math.degrees(max(found)):.2g} degrees"
@@ -138,45 +139,67 @@ class BeatFit:
         """Return rad, by which an end of a stroke that enters the body is nearer to its middle, so
         that inner feathers keep off it, or come as near as there. end: phase."""
         phases, way = [end + each for each in _PHASES], np.equal(_ENDS, end)
-        wanted = min(self._gap((0.25,), time, 0.0 * way), self._body[3])
-        if self._gap(phases, time, 0.0 * way) >= min(wanted, 0.0):
+        clearance, everyone = self._body[3], np.arange(len(self._inner[0]))
+        rough = self._gaps(everyone, self._places, phases, time, 0.0 * way)
+        near = np.flatnonzero(rough < _ROUGHLY * clearance)
+        if not len(near):
             return 0.0
-        low, high = 0.0, math.radians(eased(*self.flap.numbers["stroke_amplitude"], time))
+        shapes = self._shapes(near)
+
+        def gap(phases: Sequence[float], rad: float) -> float:
+            found = self._gaps(near, shapes, phases, time, rad * way)
+            return min(float(found.min()), clearance)
+
+        wanted = gap((0.25,), 0.0)
+        if gap(phases, 0.0) >= wanted:
+            return 0.0
+        low, high = 0.0, 0.5 * math.radians(eased(*self.flap.numbers["stroke_amplitude"], time))
+        if gap(phases, high) < wanted:
+            return 0.0
         for _ in range(_END_BISECTIONS):
             middle = 0.5 * (low + high)
-            is_clear = self._gap(phases, time, middle * way) >= wanted
-            low, high = (low, middle) if is_clear else (middle, high)
+            low, high = (low, middle) if gap(phases, middle) >= wanted else (middle, high)
         return high
 
-    def _gap(self, phases: Sequence[float], time: float, ends: Array) -> float:
-        """m, between the body and feathers of arm and forearm, if it is less than they keep off.
-        ends: (2,) rad, by which the stroke is raised and lowered."""
+    def _gaps(
+        self, members: Indices, places: Array, phases: Sequence[float], time: float, ends: Array
+    ) -> Array:
+        """(M,) m, between the body and inner feathers, if it is less than they are near. places:
+        (M, 3, P) m, on each of members (M,). ends: (2,) rad, by which the stroke is raised and
+        lowered."""
         raised, lowered = (((0.0,), (float(each),)) for each in ends)
         flap = replace(self.flap, raised=raised, lowered=lowered)
-        _, roots, _ = self._inner
         tree, centres, normals, clearance = self._body
-        low, high = tree.mins - clearance, tree.maxes + clearance
-        nearest = clearance
+        far = _ROUGHLY * clearance
+        low, high = tree.mins - far, tree.maxes + far
+        nearest = np.full(len(members), far)
         for phase in phases:
-            frames = self._posed(flap, roots, phase, time)
-            own = frames.rotations @ self._places
-            places = (frames.positions[:, :, None] + own).swapaxes(1, 2).reshape(-1, 3)
-            places = places[((low < places) & (places < high)).all(axis=1)]
-            away, found = tree.query(places, distance_upper_bound=_NEAR * clearance)
-            places, found = places[away < np.inf], found[away < np.inf]
-            height = dots(places - centres[found], normals[found])
-            facing = np.abs(height) > _FACING * away[away < np.inf]
-            nearest = min(nearest, float(height[facing].min(initial=clearance)))
+            frames = self._posed(flap, self._inner[1], phase, time)
+            own = frames.rotations[members] @ places
+            at = (frames.positions[members, :, None] + own).swapaxes(1, 2)
+            which, there = np.nonzero(((low < at) & (at < high)).all(axis=2))
+            away, found = tree.query(at[which, there], distance_upper_bound=_NEAR * far)
+            is_near = away < np.inf
+            which, there, found = which[is_near], there[is_near], found[is_near]
+            height = dots(at[which, there] - centres[found], normals[found])
+            facing = np.abs(height) > _FACING * away[is_near]
+            np.minimum.at(nearest, which[facing], height[facing])
         return nearest
 
     @cached_property
     def _places(self) -> Array:
-        """(F, 3, P) m, places on inner feathers, along their arcs, in their own frames."""
-        kinds = [each.kind for each in self._inner[0]]
-        size = np.array([(k.length, k.width, k.length * k.rachis.camber) for k in kinds])
-        along, aside = _PLACES.T
-        down = -0.5 * math.radians(1.0) * along**2
-        return size.reshape(-1, 3, 1) * np.stack([along, aside, down])
+        """(F, 3, P) m, places on flat inner feathers, in their own frames."""
+        size = np.array([(each.kind.length, each.kind.width) for each in self._inner[0]])
+        flat = size.reshape(-1, 2, 1) * _PLACES.T
+        return np.concatenate([flat, np.zeros_like(flat[:, :1])], axis=1)
+
+    def _shapes(self, members: Indices) -> Array:
+        """(M, 3, P) m, places on the outer part of inner feathers (M,), as they are shaped."""
+        from featherfx.feather.shapes import build_plane_feathers  # only where one is near
+
+        built = build_plane_feathers([self._inner[0][k] for k in members], _ROWS, _COLUMNS)
+        nodes = [each.rest.nodes[_FIRST:].reshape(-1, 3).T for each in built]
+        return np.array(nodes).reshape(len(members), 3, -1)
 
     @cached_property
     def _body(self) -> tuple[Any, Array, Array, float]:

@@ -7,7 +7,7 @@ bones of wings go with its bones, and feathers between forearm and hand turn as 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +24,8 @@ from featherfx.shot.skin import BoundSkin
 from featherfx.shot.sources import MovingSurface
 from featherfx.shot.types import Shot
 
+# turn (3, 3) and way (3,) m of a limb from rest, at a time in s
+LimbWay = Callable[[float], tuple[Array, Array]]
 # times as far as another wing's bone, from which on one is beside the bone that bears both
 _ASIDE = 4.0
 
@@ -33,8 +35,8 @@ class LimbRoots:
     """Roots of a skin, some of them on limbs.
 
     members: (L,) feathers of limbs. bearers: (L,) the feather whose root carries each one's limb.
-    rest: (F,) roots in the groom's frame. driven: of limbs whose bones an act moves (body.py),
-    which members these are, and turn and way from rest of their limb at a time in s.
+    rest: (F,) roots in the groom's frame. driven: of limbs that go with a body or with bones that
+    an act moves (body.py), which members these are, and the way of their limb.
     """
 
     skin: Roots
@@ -42,7 +44,7 @@ class LimbRoots:
     members: Indices
     bearers: Indices
     rest: RootFrames
-    driven: Sequence[tuple[Flags, Callable[[float], tuple[Array, Array]]]] = ()
+    driven: Sequence[tuple[Flags, LimbWay]] = ()
 
     def frames(self, time: float) -> RootFrames:
         """Return where the roots are at a time, s since the first frame."""
@@ -74,31 +76,61 @@ def carried(groom: Groom, skin: Roots, joints: Roots) -> Roots:
     }
     limbs = [firsts[groom.feathers[k].joint] for k in members]
     bearers = np.array([bearer[each] for each in limbs], dtype=np.int64)
-    return LimbRoots(skin, joints, members, bearers, rest, _driven(groom, skin, limbs))
-
-
-def _driven(
-    groom: Groom, skin: Roots, limbs: Sequence[str]
-) -> list[tuple[Flags, Callable[[float], tuple[Array, Array]]]]:
-    """As LimbRoots has it. limbs: (L,) first joint of each member's."""
-    parts = skin.parts if isinstance(skin, BoundSkin) else ()
-    found: dict[str, Callable[[float], tuple[Array, Array]]] = {}
-    for part in parts:
-        body = part.surface
-        if isinstance(body, BodySurface) and body.drive is not None and isinstance(skin, BoundSkin):
-            for joint in sorted(body.drive.driven.values()):
-                first = _first_joints(groom)[groom.joints[joint - 1].name]
-                found.setdefault(first, _bearing(body, joint, skin.clock))
-    return [
+    ways = {} if not isinstance(skin, BoundSkin) else _trunk_ways(groom, skin, rest, bearer)
+    if isinstance(skin, BoundSkin):
+        ways |= _driven_ways(skin, firsts, [joint.name for joint in groom.joints])
+    driven = [
         (np.array([each == first for each in limbs]), way)
-        for first, way in found.items()
+        for first, way in ways.items()
         if first in limbs
     ]
+    return LimbRoots(skin, joints, members, bearers, rest, driven)
 
 
-def _bearing(
-    body: BodySurface, joint: int, clock: StageClock
-) -> Callable[[float], tuple[Array, Array]]:
+def _trunk_ways(
+    groom: Groom, skin: BoundSkin, rest: RootFrames, bearer: Mapping[str, int]
+) -> dict[str, LimbWay]:
+    """Ways of wings on a body that an act carries, by their first joints: a neck that bends takes
+    the skin beside a shoulder along, not the wing. bearer: feathers by first joints."""
+    surfaces: Sequence[object] = [part.surface for part in skin.parts]
+    bodies = [each for each in surfaces if isinstance(each, BodySurface)]
+    body = next((each for each in bodies if each.body_path and each.drive), None)
+    shoulders = [j.name for j in groom.joints if j.role == "shoulder" and j.name in bearer]
+    if body is None or not shoulders:
+        return {}
+    still = skin.led(_undriven, skin.clock).frames(0.0)
+
+    def way_of(k: int) -> LimbWay:
+        first = still.rotations[k] @ rest.rotations[k].T
+        begin = still.positions[k] - first @ rest.positions[k]
+
+        def way(time: float) -> tuple[Array, Array]:
+            turn, along = body.carriers(skin.clock.code(time))
+            return turn @ first, turn @ begin + along
+
+        return way
+
+    return {name: way_of(bearer[name]) for name in shoulders}
+
+
+def _undriven(surface: MovingSurface) -> MovingSurface:
+    return surface.own if isinstance(surface, BodySurface) else surface
+
+
+def _driven_ways(
+    skin: BoundSkin, firsts: Mapping[str, str], names: Sequence[str]
+) -> dict[str, LimbWay]:
+    """Ways of limbs whose bones an act moves, by their first joints. firsts: by names of joints."""
+    found: dict[str, LimbWay] = {}
+    for part in skin.parts:
+        body = part.surface
+        if isinstance(body, BodySurface) and body.drive is not None:
+            for joint in sorted(body.drive.driven.values()):
+                found.setdefault(firsts[names[joint - 1]], _bearing(body, joint, skin.clock))
+    return found
+
+
+def _bearing(body: BodySurface, joint: int, clock: StageClock) -> LimbWay:
     return lambda time: body.bearing(joint, clock.code(time))
 
 
