@@ -23,6 +23,8 @@ import time
 import traceback
 import warnings
 from collections.abc import Collection, Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -118,6 +120,23 @@ def _show_read(read: StageRead) -> None:
 def print_json(found: Mapping[str, Any]) -> None:
     """Print an object with the account of what this run read of stages, as `read`."""
     click.echo(json.dumps({**found, "read": list_entries(_reads)}, indent=2))
+
+
+def plain(result: Any) -> Any:
+    """Only what JSON has: a number that is not finite is null."""
+    if hasattr(result, "as_json"):
+        result = result.as_json()
+    if is_dataclass(result):
+        result = {each.name: getattr(result, each.name) for each in fields(result)}
+    if hasattr(result, "_asdict"):
+        result = result._asdict()
+    if hasattr(result, "tolist"):
+        result = result.tolist()
+    if isinstance(result, Mapping):
+        return {name: plain(each) for name, each in result.items()}
+    if isinstance(result, list | tuple):
+        return [plain(each) for each in result]
+    return None if isinstance(result, float) and not isfinite(result) else result
 
 
 def _verbose_option() -> click.Option:

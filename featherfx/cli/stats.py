@@ -9,7 +9,6 @@ import click
 
 from featherfx.baking import pipeline
 from featherfx.baking.options import TRIAL_SECONDS
-from featherfx.cli.lab.options_from import plain
 from featherfx.cli.options import (
     RealNumber,
     WholeNumber,
@@ -21,7 +20,7 @@ from featherfx.cli.options import (
     quality_option,
     readable_path,
 )
-from featherfx.cli.program import Command, print_json
+from featherfx.cli.program import Command, plain, print_json
 from featherfx.cli.progress import Progress
 from featherfx.errors import as_figure
 

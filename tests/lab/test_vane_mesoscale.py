@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from featherfx.cli.lab.options_from import plain
+from featherfx.cli.program import plain
 from featherfx.errors import InputError
 from featherfx.lab.declare import out_of_range
 from featherfx.lab.vane.mesoscale import (

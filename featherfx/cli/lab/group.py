@@ -8,9 +8,8 @@ from typing import Any
 
 import click
 
-from featherfx.cli.lab.options_from import plain
 from featherfx.cli.options import presets_option
-from featherfx.cli.program import Command, CommandGroup, print_json
+from featherfx.cli.program import Command, CommandGroup, plain, print_json
 
 
 @click.command(

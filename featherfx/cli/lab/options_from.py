@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import MISSING, Field, fields, is_dataclass
-from math import isfinite
+from dataclasses import MISSING, Field, fields
 from types import UnionType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import click
 
 from featherfx.cli.options import Parsed
-from featherfx.cli.program import Command
+from featherfx.cli.program import Command, plain
 from featherfx.lab.declare import DEFAULTS, MEANING, OPTION, WITHOUT
 
 
@@ -24,23 +23,6 @@ def show(result: Any, as_json: bool) -> None:
         return
     for line in _lines(values, ""):
         click.echo(line)
-
-
-def plain(result: Any) -> Any:
-    """Only what JSON has: a number that is not finite is null."""
-    if hasattr(result, "as_json"):
-        result = result.as_json()
-    if is_dataclass(result):
-        result = {each.name: getattr(result, each.name) for each in fields(result)}
-    if hasattr(result, "_asdict"):
-        result = result._asdict()
-    if hasattr(result, "tolist"):
-        result = result.tolist()
-    if isinstance(result, Mapping):
-        return {name: plain(each) for name, each in result.items()}
-    if isinstance(result, list | tuple):
-        return [plain(each) for each in result]
-    return None if isinstance(result, float) and not isfinite(result) else result
 
 
 def _lines(values: dict[str, Any], before: str) -> Iterator[str]:
