@@ -444,7 +444,7 @@ class Shot(ByValue, Documented):
     0. frame_cuts: those that are named or found, in the frame loop.
     level_of_detail: None: levels do not follow a camera. grids: by the ids of feathers, instead of
     measuring them. inputs: what the shot's files say, by key
-    (groom/read/value_diff.py). document: the tables that it was read from, None after
+    (groom/read/toml_text.py). document: the tables that it was read from, None after
     `dataclasses.replace`.
     """
 

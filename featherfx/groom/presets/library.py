@@ -15,7 +15,7 @@ from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import REQUIRED, Key, Table, expected
 from featherfx.groom.presets.folders import search_path, shipped_folder
 from featherfx.groom.read.toml_file import load_toml
-from featherfx.groom.read.value_diff import told
+from featherfx.groom.read.toml_text import told
 from featherfx.limits import MAX_BASES
 
 

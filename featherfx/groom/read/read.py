@@ -26,7 +26,7 @@ from featherfx.groom.read.drafts import Draft, draws, other_side, variant_number
 from featherfx.groom.read.readers import GroomReaders, cache_skins
 from featherfx.groom.read.space import Space, in_groom
 from featherfx.groom.read.toml_file import file_kind, load_toml
-from featherfx.groom.read.value_diff import told
+from featherfx.groom.read.toml_text import told
 from featherfx.groom.types import FeatherKind, Groom, Joint, Layout, Placement
 from featherfx.limits import MAX_COMPARED, MAX_FEATHERS
 

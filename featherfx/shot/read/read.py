@@ -20,7 +20,7 @@ from featherfx.groom.presets.presets import check_preset
 from featherfx.groom.read.read import SCENE_SUFFIXES, collect_groom, groom_of
 from featherfx.groom.read.readers import SceneReaders
 from featherfx.groom.read.toml_file import file_kind, load_toml
-from featherfx.groom.read.value_diff import told
+from featherfx.groom.read.toml_text import told
 from featherfx.groom.types import Groom
 from featherfx.shot.motion.body_joints import with_body_joints
 from featherfx.shot.patterns import fits

@@ -17,7 +17,7 @@ import numpy as np
 from pxr import Sdf, Vt
 
 from featherfx.errors import Problem
-from featherfx.groom.read.value_diff import DIGEST_KEY, changes
+from featherfx.groom.read.toml_text import DIGEST_KEY, changes
 from featherfx.usd.read.values import USD_ERRORS
 from featherfx.usd.types import MESH_PRIM, PER_FACE_PRIMVARS, RANGES_PREFIX, RATES, OutputError
 from featherfx.usd.write.layers import SCOPES
@@ -153,7 +153,7 @@ class PreviousCache:
     """A finished cache at the output; its layers are opened when they are first read.
 
     dependences: of each feather, by name, empty where the file lacks them. inputs: texts of its
-    files (featherfx/groom/read/value_diff.py). settings: of its bake. chunk: samples of each chunk.
+    files (featherfx/groom/read/toml_text.py). settings: of its bake. chunk: samples of each chunk.
     """
 
     def __init__(self, path: Path) -> None:
