@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,6 +37,12 @@ def as_sentence(text: str) -> str:
 def count_feathers(count: int) -> str:
     """Say how many feathers, one or several."""
     return f"{count} feather{'' if count == 1 else 's'}"
+
+
+def some_of(texts: Sequence[str], most: int = 5, between: str = ", ") -> str:
+    """List the first texts, and say how many more there are."""
+    more = f" and {len(texts) - most} more" if len(texts) > most else ""
+    return between.join(texts[:most]) + more
 
 
 def as_figure(value: float, digits: int = 2) -> str:

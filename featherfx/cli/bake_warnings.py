@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from featherfx.cli.program import tell
-from featherfx.errors import as_figure
+from featherfx.errors import as_figure, some_of
 
 # counts of a report's substeps that were too long, and what for
 _TOO_LONG = {
@@ -15,7 +15,6 @@ _TOO_LONG = {
     "substeps_with_hooks_slipping": "{} in which hooks slip by more than a step should",
 }
 _FIXED_STEPS = "[contact] steps"
-_MAX_NAMED = 5  # feathers of a kind that a warning names
 _MAX_CHANGES = 12  # printed of a bake that reused samples of an earlier one
 
 
@@ -127,8 +126,7 @@ def _undefined(undefined: dict[str, list[str]]) -> Iterator[str]:
         " poses. Shelter it from the wind, or make it stiffer"
     )
     for kind, names in sorted(undefined.items()):
-        more = f" and {len(names) - _MAX_NAMED} more" if len(names) > _MAX_NAMED else ""
-        yield f"  {kind}: {', '.join(names[:_MAX_NAMED])}{more}"
+        yield f"  {kind}: {some_of(names)}"
 
 
 def _too_long(result: dict[str, Any]) -> Iterator[str]:

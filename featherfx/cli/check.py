@@ -23,7 +23,7 @@ from featherfx.cli.options import (
 )
 from featherfx.cli.program import Command, print_json
 from featherfx.cli.progress import Progress
-from featherfx.errors import InputError, Problem
+from featherfx.errors import InputError, Problem, some_of
 from featherfx.groom.read.places import located
 
 if TYPE_CHECKING:
@@ -360,7 +360,7 @@ def _details(prim: PrimReport) -> Iterator[str]:
         ("prototypes", prim.prototypes),
     ):
         if names:
-            yield f"    {title}: {_listed(names)}"
+            yield f"    {title}: {some_of(names, _MAX_SHOWN)}"
     for each in prim.primvars:
         size = f" of {each.element_size}" if each.element_size > 1 else ""
         count = f"{each.count} value{'' if each.count == 1 else 's'}"
@@ -373,8 +373,3 @@ def _short(joints: Sequence[str]) -> list[str]:
     last = [path.rpartition("/")[2] for path in joints]
     ends = Counter(last)
     return [end if ends[end] == 1 else path for path, end in zip(joints, last, strict=True)]
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _MAX_SHOWN} more" if len(names) > _MAX_SHOWN else ""
-    return ", ".join(names[:_MAX_SHOWN]) + more

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.errors import InputError, InputWarning, Problem
+from featherfx.errors import InputError, InputWarning, Problem, some_of
 from featherfx.groom.skin.field import search_tree
 from featherfx.groom.skin.skin import (
     Binding,
@@ -185,13 +185,10 @@ class SkinSurfaces:
         if len(far) == 0:
             return
         far = far[np.argsort(-distance[far], kind="stable")]
-        named = ", ".join(
-            f"'{groom.feathers[part.members[k]].id}' {distance[k]:.3g} m" for k in far[:_MAX_NAMED]
-        )
-        more = f" and {len(far) - _MAX_NAMED} more" if len(far) > _MAX_NAMED else ""
+        named = [f"'{groom.feathers[part.members[k]].id}' {distance[k]:.3g} m" for k in far]
         warnings.warn(
             f"{self.source}: {self.key}: roots farther than {self.tolerance:g} m from "
-            f"{part.surface.path}: {named}{more}",
+            f"{part.surface.path}: {some_of(named, _MAX_NAMED)}",
             InputWarning,
             stacklevel=2,
         )

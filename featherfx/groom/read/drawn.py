@@ -13,7 +13,7 @@ import numpy as np
 
 from featherfx.algebra.rotation import frames_from, parallel
 from featherfx.algebra.types import Array
-from featherfx.errors import InputWarning, all_of
+from featherfx.errors import InputWarning, all_of, some_of
 from featherfx.groom.keys.groom import DEFAULT_PRIMVARS
 from featherfx.groom.keys.preset import FEATHER_KEYS
 from featherfx.groom.keys.problems import Place, Problems
@@ -66,12 +66,11 @@ def _warn_of_bends(path: Path, drafts: list[Draft]) -> None:
     ]
     far = sorted((each for each in far if each[0] > MAX_LINE_DEVIATION), reverse=True)
     if far:
-        named = ", ".join(f"'{name}' {off:.1%}" for off, name in far[:_MAX_NAMED])
-        more = f" and {len(far) - _MAX_NAMED} more" if len(far) > _MAX_NAMED else ""
+        named = [f"'{name}' {off:.1%}" for off, name in far]
         warnings.warn(
             f"{path}: these curves turn more often or more sharply than shaft and vanes can. What"
             f" is taken for them is off by more than {MAX_LINE_DEVIATION:.0%} of their length: "
-            f"{named}{more}",
+            f"{some_of(named, _MAX_NAMED)}",
             InputWarning,
             stacklevel=2,
         )

@@ -17,7 +17,7 @@ import numpy as np
 
 from featherfx.algebra.rotation import frames_from
 from featherfx.algebra.types import Array, Indices
-from featherfx.errors import InputWarning, all_of
+from featherfx.errors import InputWarning, all_of, some_of
 from featherfx.files.disk_cache import kept
 from featherfx.groom.keys.problems import INVALID, Place
 from featherfx.groom.presets.kind_store import KindStore
@@ -53,7 +53,6 @@ from featherfx.groom.skin.field import search_tree
 from featherfx.groom.skin.points import SkinSource, SkinSurface, SurfacePoints
 from featherfx.phases import phase
 
-_MAX_NAMED = 5
 _PLACES = "triangle", "barycentric", "position", "normal"
 _STEPS = 2  # between one region's colour and another's
 _MIN_FIT = 0.25  # of a feather's length, left where there is no room
@@ -298,10 +297,8 @@ def _warn_of_nowhere(regions: Sequence[_Region], counts: Sequence[int], at: Plac
     ]
     if ids:
         told = "has no place on the skin" if len(ids) == 1 else "have no place on the skin"
-        named = ", ".join(ids[:_MAX_NAMED])
-        more = f" and {len(ids) - _MAX_NAMED} more" if len(ids) > _MAX_NAMED else ""
         warnings.warn(
-            f"{at.source}: {named}{more} {told} and no feathers. Check `where`, or `bare`",
+            f"{at.source}: {some_of(ids)} {told} and no feathers. Check `where`, or `bare`",
             InputWarning,
             stacklevel=3,
         )
@@ -455,10 +452,9 @@ def _above_ground(region: _Region, found: Scattered) -> Scattered:
     if not buried.any():
         return found
     ids = [_name(region.entry, number) for number in found.number[buried]]
-    more = f" and {len(ids) - _MAX_NAMED} more" if len(ids) > _MAX_NAMED else ""
     warnings.warn(
         f"{region.place.source}: {region.place.key}: {len(ids)} roots lie inside the body and are "
-        f"left out: {', '.join(ids[:_MAX_NAMED])}{more}",
+        f"left out: {some_of(ids)}",
         InputWarning,
         stacklevel=3,
     )

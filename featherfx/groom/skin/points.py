@@ -11,11 +11,11 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import dots, face_products, unit
+from featherfx.errors import some_of
 from featherfx.files.disk_cache import kept
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.skin.field import search_tree, size_classes
 
-_MAX_NAMED = 5
 _AT_ONCE = 2_000_000  # pairs of a point and a triangle
 
 
@@ -138,9 +138,7 @@ def _pierced(start: Array, end: Array, corners: Array) -> Flags:
 
 def _faces(faces: Indices) -> str:
     named = np.unique(faces)
-    more = f" and {len(named) - _MAX_NAMED} more" if len(named) > _MAX_NAMED else ""
-    several = "faces" if len(named) > 1 else "face"
-    return f"{several} " + ", ".join(str(each) for each in named[:_MAX_NAMED]) + more
+    return f"face{'s' if len(named) > 1 else ''} {some_of(list(map(str, named)))}"
 
 
 _MAX_ROUNDS = 60

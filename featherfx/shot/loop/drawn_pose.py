@@ -8,15 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from featherfx.algebra.rotation import quats_to_frames
-from featherfx.errors import InputWarning
+from featherfx.errors import InputWarning, some_of
 from featherfx.groom.types import Placement
 from featherfx.shot.types import Shot
 from featherfx.solver.inverse_statics import find_unloaded
 from featherfx.solver.solver import Solver
 from featherfx.solver.state import State
-
-# feathers that a warning names
-_MAX_NAMED = 5
 
 
 def hang_as_drawn(
@@ -36,10 +33,9 @@ def hang_as_drawn(
     solver.model = found.model
     lost = [placements[f].id for f in np.flatnonzero(found.missing).tolist()]
     if lost:
-        more = f" and {len(lost) - _MAX_NAMED} more" if len(lost) > _MAX_NAMED else ""
         message = (
             f"{shot.groom.source}: drawn_pose: no unloaded shape comes to rest in the drawn pose of"
-            f" {', '.join(lost[:_MAX_NAMED])}{more}: they hang from it. Make them stiffer, or draw"
+            f" {some_of(lost)}: they hang from it. Make them stiffer, or draw"
             " them lower"
         )
         warnings.warn(InputWarning(message), stacklevel=2)

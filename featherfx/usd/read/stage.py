@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pxr import Pcp, Sdf, Usd, UsdGeom, UsdSkel
 
 from featherfx.algebra.types import Array
-from featherfx.errors import InputError, InputWarning
+from featherfx.errors import InputError, InputWarning, some_of
 from featherfx.groom.keys.problems import Place, Problems, closest
 from featherfx.provenance import LeftOut
 from featherfx.usd.read.opening import locate_package, open_stage
@@ -328,11 +328,8 @@ def describe_variants(scene: SourceScene) -> str:
             told = f"variant set '{name}' of {prim.GetPath()} has {variants}"
             found.setdefault(name, []).append(f"{told} ('{chosen}' is chosen)")
     listed = [told for several in found.values() for told in several]
-    more = f" and {len(listed) - _MAX_LISTED} more" if len(listed) > _MAX_LISTED else ""
-    if not listed:
-        return ""
-    named = "; ".join(listed[:_MAX_LISTED])
-    return f"Its {named}{more}: variant_sets chooses others"
+    named = some_of(listed, _MAX_LISTED, "; ")
+    return f"Its {named}: variant_sets chooses others" if listed else ""
 
 
 def prim_kind(prim: Any) -> str:
