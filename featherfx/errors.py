@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -112,3 +113,8 @@ class SimulationError(Exception):
 
 class InputWarning(UserWarning):
     """An input may not be what its author meant; the work goes on."""
+
+
+def warn_input(text: str, level: int = 2) -> None:
+    """Give an InputWarning. level: of the caller that it is about, as warnings.warn counts them."""
+    warnings.warn(text, InputWarning, stacklevel=level + 1)

@@ -24,6 +24,7 @@ MESSAGES = {
     "BadParameter": 0,
     "ClickException": 0,
     "warn": 0,
+    "warn_input": 0,
     "SimulationError": 2,
     "fail": 0,
     "refuse": 0,

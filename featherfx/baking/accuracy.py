@@ -17,7 +17,6 @@ that are looked at touch colliders and each other (those of one grid), and no ot
 from __future__ import annotations
 
 import time
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,7 +26,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.api import Folders, read_quality, read_shot
-from featherfx.errors import InputWarning, all_of
+from featherfx.errors import all_of, warn_input
 from featherfx.feather.density import max_distance
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.mechanics.resolution import rachis_deflection
@@ -113,7 +112,7 @@ def shot_error(shot: Shot, feathers: int = _LOOKED_AT, jobs: int = 1) -> ShotErr
             f"{shot.source}: contact: what feathers that are not looked at do to the others is left"
             " out of the error"
         )
-        warnings.warn(text, InputWarning, stacklevel=2)
+        warn_input(text)
     shot = replace(shot, quality=simulation_quality(shot), contact=None)
     if contact is None:
         chosen = chosen_feathers(shot, feathers)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import shutil
 import time
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -26,7 +25,7 @@ from featherfx.api import open_document, scene_readers
 from featherfx.baking.bake import bake, peak_memory_bytes, store_report
 from featherfx.baking.options import BakeOptions, FlockOptions, make_options, takes
 from featherfx.baking.task import check_report, default_output
-from featherfx.errors import InputError, InputWarning, Problem, as_figure
+from featherfx.errors import InputError, Problem, as_figure, warn_input
 from featherfx.files.atomic_write import standing, write_text
 from featherfx.groom.document import Document
 from featherfx.groom.read.toml_text import toml_text
@@ -216,7 +215,7 @@ def _asset(cache: BirdCache, flock: FlockShot, report: Mapping[str, Any]) -> Bir
     if left := {each.path for each in surfaces.surfaces if not each.path.startswith(f"{model}/")}:
         told = f"of its skins only {model} is shown, without {', '.join(sorted(left))}"
         message = f"{cache.shot}: {told}. Give the bird one model"
-        warnings.warn(message, InputWarning, stacklevel=2)
+        warn_input(message)
     write_model(source, model, cache.frames, path)
     return BirdAsset(cache.cache, (path, model))
 
@@ -316,7 +315,7 @@ def _loop_gaps(caches: Sequence[BirdCache], flock: FlockShot) -> dict[str, float
                 f"{frames} frames ends. Give `cycle` of {flock.groups[each.bird.group].keys.shot}"
             )
             message = f"{each.cache}: {told} {remedy} as many frames as its motion repeats after"
-            warnings.warn(message, InputWarning, stacklevel=2)
+            warn_input(message)
     return gaps
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -18,7 +17,7 @@ from featherfx._version import __version__
 from featherfx.api import open_document, read_quality, shot_as_written
 from featherfx.baking.entries import refuse_splits_elsewhere, refuse_too_large, refuse_unfit_form
 from featherfx.baking.options import BakeOptions
-from featherfx.errors import InputError, InputWarning, Problem, all_of, as_figure
+from featherfx.errors import InputError, Problem, all_of, as_figure, warn_input
 from featherfx.files.content import program_digest
 from featherfx.groom.read.read import SCENE_SUFFIXES
 from featherfx.groom.types import Groom
@@ -268,12 +267,10 @@ def _find_origin(shot: Shot, frames: tuple[int, int]) -> tuple[float, float, flo
     shortest = min((each.kind.length for each in shot.groom.feathers), default=np.inf)
     coarse = float(np.finfo(np.float32).eps) * away / shortest
     if coarse > _MAX_COARSENESS:
-        warnings.warn(
+        warn_input(
             f"{shot.source}: feathers are up to {away:.3g} m from the origin of the cache, where "
             f"single precision misses {as_figure(100.0 * coarse)} % of a feather of"
-            f" {shortest:.2g} m. Divide the shot, or move its scene nearer",
-            InputWarning,
-            stacklevel=2,
+            f" {shortest:.2g} m. Divide the shot, or move its scene nearer"
         )
     return origin
 

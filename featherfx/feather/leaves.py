@@ -8,7 +8,6 @@ barbs: a fan from the calamus to these would span the curved base as a chord.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -23,7 +22,7 @@ from featherfx.coat.coat import Coat, StackReport, describe_doubts, draw, grow_c
 from featherfx.coat.fields import CoatSpacing, Follicles
 from featherfx.coat.forms import PlaneForms, make_plane_forms
 from featherfx.coat.sheets import sew_fan
-from featherfx.errors import InputWarning, count_feathers
+from featherfx.errors import count_feathers, warn_input
 from featherfx.feather.shapes import build_plane_feathers
 from featherfx.feather.types import Feather, FeatherSurface, RowPoints, stacked
 from featherfx.files.content import digest
@@ -182,7 +181,7 @@ def lay_out(groom: Groom) -> Groom:
         *_describe_crowds(laid, chosen),
     ]
     for message in doubts:
-        warnings.warn(f"{_place_of(groom)}: {message}", InputWarning, stacklevel=3)
+        warn_input(f"{_place_of(groom)}: {message}", 3)
     roots = draw(laid.coat, laid.coat.rest, forms)
     dorsal, lateral = roots.directors[:, 0, 1], roots.directors[:, 0, 0]
     frames = np.stack([np.cross(lateral, dorsal), lateral, dorsal], axis=2)
@@ -276,7 +275,7 @@ def _sew_tails(groom: Groom, points: Array, faces: Indices) -> tuple[Array, Indi
                 " is no tube that one cut closes, so feathers beside it lie on the skin alone and"
                 " may pass through it. Give each tail an end of the skin of its own"
             )
-            warnings.warn(message, InputWarning, stacklevel=4)
+            warn_input(message, 4)
     return points, faces
 
 

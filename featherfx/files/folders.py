@@ -17,7 +17,6 @@ import contextlib
 import errno
 import os
 import stat
-import warnings
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -25,7 +24,7 @@ from typing import BinaryIO
 
 import platformdirs
 
-from featherfx.errors import InputWarning
+from featherfx.errors import warn_input
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 # links on a way, as Linux allows
@@ -200,7 +199,7 @@ def _choose_folder(wanted: Path, trusted: str) -> Path:
             if not distrust(other):
                 make_private_folder(other)
                 message = f"{fault}. The cache is in {other} instead"
-                warnings.warn(message, InputWarning, stacklevel=2)
+                warn_input(message)
                 return other
     return wanted
 

@@ -22,7 +22,6 @@ import platform
 import re
 import struct
 import sys
-import warnings
 from collections import namedtuple
 from collections.abc import Iterator
 from functools import cache
@@ -30,7 +29,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from featherfx.errors import InputWarning
+from featherfx.errors import warn_input
 from featherfx.files.atomic_write import write_whole
 from featherfx.files.folders import (
     DistrustError,
@@ -170,7 +169,7 @@ def explain_unsaved() -> str:
 @cache
 def warn_once(message: str) -> None:
     """Warn of what concerns every kernel."""
-    warnings.warn(message, InputWarning, stacklevel=3)
+    warn_input(message, 3)
 
 
 def is_stored(kernel: str) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -10,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.errors import InputError, InputWarning, Problem, some_of
+from featherfx.errors import InputError, Problem, some_of, warn_input
 from featherfx.groom.skin.field import search_tree
 from featherfx.groom.skin.skin import (
     Binding,
@@ -124,7 +123,7 @@ class BoundSkin:
             if part.surface.path not in self._warned:
                 self._warned.add(part.surface.path)
                 told += 'It turns with the skin around it; on_collapse = "error" ends the bake'
-                warnings.warn(f"{part.surface.path}: {told}", InputWarning, stacklevel=2)
+                warn_input(f"{part.surface.path}: {told}")
         return binding, has_turn
 
 
@@ -186,11 +185,9 @@ class SkinSurfaces:
             return
         far = far[np.argsort(-distance[far], kind="stable")]
         named = [f"'{groom.feathers[part.members[k]].id}' {distance[k]:.3g} m" for k in far]
-        warnings.warn(
+        warn_input(
             f"{self.source}: {self.key}: roots farther than {self.tolerance:g} m from "
-            f"{part.surface.path}: {some_of(named, _MAX_NAMED)}",
-            InputWarning,
-            stacklevel=2,
+            f"{part.surface.path}: {some_of(named, _MAX_NAMED)}"
         )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -14,7 +13,7 @@ import numpy as np
 
 from featherfx.algebra.rotation import frames_from, from_angles, interpolated, parallel, transported
 from featherfx.algebra.types import Array
-from featherfx.errors import InputWarning, all_of
+from featherfx.errors import all_of, warn_input
 from featherfx.groom.frames import Mirror, along_polyline
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
@@ -114,11 +113,10 @@ def _warn_of_side(draft: Draft, place: Place) -> None:
     """Feathers of a left wing are those of a right one unless their table says so."""
     side, other = ("left", "right") if "left" in draft.id else ("right", "left")
     if side in draft.id and draft.left != (side == "left"):
-        warnings.warn(
+        warn_input(
             f"{place.source}: {place.key}: '{draft.id}' is a feather of the {other} side, with its"
             f" leading vane there. Give side = '{side}', or another id",
-            InputWarning,
-            stacklevel=3,
+            3,
         )
 
 

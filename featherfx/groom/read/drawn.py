@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections import Counter
 from dataclasses import replace
 from functools import partial
@@ -13,7 +12,7 @@ import numpy as np
 
 from featherfx.algebra.rotation import frames_from, parallel
 from featherfx.algebra.types import Array
-from featherfx.errors import InputWarning, all_of, some_of
+from featherfx.errors import all_of, some_of, warn_input
 from featherfx.groom.keys.groom import DEFAULT_PRIMVARS
 from featherfx.groom.keys.preset import FEATHER_KEYS
 from featherfx.groom.keys.problems import Place, Problems
@@ -67,12 +66,10 @@ def _warn_of_bends(path: Path, drafts: list[Draft]) -> None:
     far = sorted((each for each in far if each[0] > MAX_LINE_DEVIATION), reverse=True)
     if far:
         named = [f"'{name}' {off:.1%}" for off, name in far]
-        warnings.warn(
+        warn_input(
             f"{path}: these curves turn more often or more sharply than shaft and vanes can. What"
             f" is taken for them is off by more than {MAX_LINE_DEVIATION:.0%} of their length: "
-            f"{some_of(named, _MAX_NAMED)}",
-            InputWarning,
-            stacklevel=2,
+            f"{some_of(named, _MAX_NAMED)}"
         )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import fnmatch
 import re
-import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
@@ -15,7 +14,7 @@ import numpy as np
 
 from featherfx.algebra.rotation import about_x
 from featherfx.algebra.types import Array
-from featherfx.errors import InputWarning
+from featherfx.errors import warn_input
 from featherfx.groom.keys.groom import GROOM_FILE
 from featherfx.groom.keys.problems import INVALID, MAX_REPORTED, Place, Problems, closest
 from featherfx.groom.presets.kind_store import KindStore
@@ -395,12 +394,10 @@ def _warn_of_units(placements: Sequence[Placement], joints: Sequence[Joint], pla
     away = np.linalg.norm(places - np.median(roots, axis=0), axis=1)
     worst, longest = int(np.argmax(away)), max(each.kind.length for each in placements)
     if away[worst] > _MAX_SPREAD * longest:
-        warnings.warn(
+        warn_input(
             f"{place.source}: {names[worst]} is {away[worst]:.3g} m from the middle of the roots,"
             f" and the longest feather has {longest:.3g} m. Positions are in metres unless [space]"
-            " says otherwise",
-            InputWarning,
-            stacklevel=2,
+            " says otherwise"
         )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -17,7 +16,7 @@ import numpy as np
 
 from featherfx.algebra.rotation import frames_from
 from featherfx.algebra.types import Array, Indices
-from featherfx.errors import InputWarning, all_of, some_of
+from featherfx.errors import all_of, some_of, warn_input
 from featherfx.files.disk_cache import kept
 from featherfx.groom.keys.problems import INVALID, Place
 from featherfx.groom.presets.kind_store import KindStore
@@ -297,10 +296,8 @@ def _warn_of_nowhere(regions: Sequence[_Region], counts: Sequence[int], at: Plac
     ]
     if ids:
         told = "has no place on the skin" if len(ids) == 1 else "have no place on the skin"
-        warnings.warn(
-            f"{at.source}: {some_of(ids)} {told} and no feathers. Check `where`, or `bare`",
-            InputWarning,
-            stacklevel=3,
+        warn_input(
+            f"{at.source}: {some_of(ids)} {told} and no feathers. Check `where`, or `bare`", 3
         )
 
 
@@ -313,12 +310,10 @@ def _grown(
     points = found.points
     # of a density there may be some more or fewer
     if len(points) < count if entry["density"] is None else 2 * len(points) + 3 < count:
-        warnings.warn(
+        warn_input(
             f"{region.place.source}: {region.place.key}: '{entry['id']}' has hardly any place on "
             f"the skin, which reaches {_reach(region)} as this groom's points are written: "
-            f"{len(points)} of {count} feathers",
-            InputWarning,
-            stacklevel=2,
+            f"{len(points)} of {count} feathers"
         )
     found = _above_ground(region, found)
     points = found.points
@@ -452,11 +447,10 @@ def _above_ground(region: _Region, found: Scattered) -> Scattered:
     if not buried.any():
         return found
     ids = [_name(region.entry, number) for number in found.number[buried]]
-    warnings.warn(
+    warn_input(
         f"{region.place.source}: {region.place.key}: {len(ids)} roots lie inside the body and are "
         f"left out: {some_of(ids)}",
-        InputWarning,
-        stacklevel=3,
+        3,
     )
     return Scattered(found.points.some(~buried), found.number[~buried])
 

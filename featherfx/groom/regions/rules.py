@@ -8,7 +8,6 @@ without <UDIM> in its name is tile 1001 alone, which wraps as USD's textures do.
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -21,7 +20,7 @@ from featherfx.algebra.interpolation import faded
 from featherfx.algebra.surface_elements import factorise, make_elements, make_stiffness, weld
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import unit
-from featherfx.errors import InputWarning, all_of
+from featherfx.errors import all_of, warn_input
 from featherfx.files.disk_cache import kept
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.keys.values import the_one
@@ -224,12 +223,10 @@ def _warn_of_outside(
         return
     part = float(np.tile(surface.areas, len(wanted))[missing].sum() / len(wanted))
     named = ", ".join(map(str, sorted(name_tiles(wanted.reshape(-1, 2)[missing]))[:_MAX_NAMED]))
-    warnings.warn(
+    warn_input(
         f"{at.source}: {at.key}: {100.0 * part / surface.areas.sum():.2g} % of "
         f"{surface.source.path} lies outside of the tiles of {path.name} and counts as 0. "
-        f"Its texture coordinates are in tiles {named}",
-        InputWarning,
-        stacklevel=2,
+        f"Its texture coordinates are in tiles {named}"
     )
 
 

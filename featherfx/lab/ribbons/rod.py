@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import math
 import time
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -24,7 +23,7 @@ from functools import cache
 import numpy as np
 
 from featherfx.algebra.types import Array
-from featherfx.errors import InputWarning, Problem, require
+from featherfx.errors import Problem, require, warn_input
 from featherfx.lab.declare import FINITE, POSITIVE, Range, out_of_range, part, value
 from featherfx.mechanics.model import Loads, Model, no_hooks, no_loads
 from featherfx.solver.damping import fit_branches
@@ -371,12 +370,11 @@ def _warn_of_coarse(rod: Rod, load: float) -> None:
     """InputWarning where a load (N) bends the rod within less than an element."""
     within, element = _bent_within(rod, load), rod.length / rod.segments
     if within < element:
-        warnings.warn(
+        warn_input(
             f"rod: its loads of {load:g} N bend it within {within:.3g} m, less than an element of"
             f" {element:.3g} m. It may rest folded: {enough_segments(rod, load)} segments resolve"
             " that",
-            InputWarning,
-            stacklevel=3,
+            3,
         )
 
 

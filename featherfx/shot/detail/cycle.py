@@ -14,7 +14,6 @@ none, and only where all roots have gone the same way since.
 
 from __future__ import annotations
 
-import warnings
 from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -24,7 +23,7 @@ from numpy.typing import NDArray
 
 from featherfx.algebra.rotation import quats_to_frames
 from featherfx.algebra.types import Array, Flags
-from featherfx.errors import InputWarning, as_figure
+from featherfx.errors import as_figure, warn_input
 from featherfx.mechanics.model import Loads
 from featherfx.shot.loop.run import Arrays, Stage, prefixed, under
 from featherfx.solver.state import RootPath, State
@@ -209,10 +208,10 @@ def _warn_if_never(cycles: Sequence[Cycle | None], frames: int, done: int) -> No
     known = [cycle for cycle in cycles if cycle is not None]
     if not known:
         message = "cycle: hooks that slip do not repeat, so no feather is replayed"
-        warnings.warn(InputWarning(message), stacklevel=2)
+        warn_input(message)
     elif not any(cycle.met for cycle in known):
         message = f"cycle: root, wind and forces of no feather repeat after {frames} frames"
-        warnings.warn(InputWarning(message), stacklevel=2)
+        warn_input(message)
     elif not any(cycle.played for cycle in known):
         changes = np.concatenate([cycle.changes() for cycle in known])
         changes = changes[np.isfinite(changes)]
@@ -225,7 +224,7 @@ def _warn_if_never(cycles: Sequence[Cycle | None], frames: int, done: int) -> No
                 f" {as_figure(1e3 * known[0].tolerance)} (the tolerance of the quality),"
                 " all of those that may touch together"
             )
-            warnings.warn(InputWarning(message), stacklevel=2)
+            warn_input(message)
 
 
 def _inputs(path: RootPath, loads: Loads) -> Array:

@@ -38,7 +38,6 @@ turns, and the chain is put together again on its moving root. So nothing is str
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -48,7 +47,7 @@ import numpy as np
 
 from featherfx.algebra.interpolation import faded
 from featherfx.algebra.types import Array, Indices
-from featherfx.errors import InputWarning
+from featherfx.errors import warn_input
 from featherfx.feather.types import RowPoints, both, stacked
 from featherfx.groom.skin.field import search_tree
 from featherfx.mechanics.model import Loads, Model
@@ -193,16 +192,14 @@ def warn_of_unfelt(shot: Shot, options: Sequence[FeatherOptions]) -> None:
             which = "simulated or guided" if name == "follow" else "simulated"
             message = f"none of its {int(own.sum())} feathers is {which}, so none feels {name}"
             message += ". Give them another level in [[detail]]"
-            warnings.warn(f"{shot.source}: channel[{number}]: {message}", InputWarning, 2)
+            warn_input(f"{shot.source}: channel[{number}]: {message}")
     if shot.skin is None and shot.groom.coat is not None:
         coat = np.array([each.leaf is not None for each in shot.groom.feathers], dtype=np.bool_)
         apart = [(course.weights != 0.0) & coat for course in courses(shot, _TOGETHER)]
         if apart and (count := int(np.any(apart, axis=0).sum())):
-            warnings.warn(
+            warn_input(
                 f"{shot.source}: channel: {count} feathers of the coat turn one by one and may pass"
-                " through each other, as the shot has no [skin]. Add one with the groom's skin",
-                InputWarning,
-                2,
+                " through each other, as the shot has no [skin]. Add one with the groom's skin"
             )
 
 

@@ -18,7 +18,6 @@ mass, keep it no nearer and bounce: 14 times the time.)
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -26,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.types import Array, Indices
-from featherfx.errors import InputWarning, as_figure
+from featherfx.errors import as_figure, warn_input
 from featherfx.feather.types import stacked
 from featherfx.mechanics.model import Loads, Model
 from featherfx.shot.detail.guided import Turns
@@ -341,4 +340,4 @@ class TargetStage(Stage):
                     f" tolerance = {allowed:g}. A smaller"
                     " tolerance pulls harder, but no shape is reached that stretches shaft or barbs"
                 )
-                warnings.warn(message, InputWarning, stacklevel=2)
+                warn_input(message)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
-from featherfx.errors import InputWarning
+from featherfx.errors import warn_input
 from featherfx.shot.clock import StageClock
 from featherfx.shot.loop.run import ShotRun, Stage
 from featherfx.shot.motion.cuts import CutFinder, CutRoots
@@ -35,12 +34,10 @@ class CutStage(Stage):
         if not isinstance(self._cuts, CutFinder) or (cut := self._cuts.found[frame]) is None:
             return
         more = f" and {cut.more} more" if cut.more else ""
-        warnings.warn(
+        warn_input(
             f"{self.run.shot.source}: {cut.name}{more}: cut to another place at frame {number:g}, "
             f"{cut.way:.3g} m away. Feathers are carried along, without that speed. Give "
-            f"cuts = [{number:g}] if that is right, cuts = [] if it is a motion",
-            InputWarning,
-            stacklevel=2,
+            f"cuts = [{number:g}] if that is right, cuts = [] if it is a motion"
         )
 
     def report(self) -> dict[str, Any]:

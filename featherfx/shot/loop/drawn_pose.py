@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
 
 from featherfx.algebra.rotation import quats_to_frames
-from featherfx.errors import InputWarning, some_of
+from featherfx.errors import some_of, warn_input
 from featherfx.groom.types import Placement
 from featherfx.shot.types import Shot
 from featherfx.solver.inverse_statics import find_unloaded
@@ -38,5 +37,5 @@ def hang_as_drawn(
             f" {some_of(lost)}: they hang from it. Make them stiffer, or draw"
             " them lower"
         )
-        warnings.warn(InputWarning(message), stacklevel=2)
+        warn_input(message)
     return found.state

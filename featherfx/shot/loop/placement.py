@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import compress
 
 import numpy as np
 
-from featherfx.errors import InputError, InputWarning, Problem
+from featherfx.errors import InputError, Problem, warn_input
 from featherfx.groom.types import Groom, Placement
 from featherfx.limits import CROWD_PAIRS, MAX_NEIGHBOURS
 from featherfx.packages import load_name
@@ -28,7 +27,7 @@ def lay_out(groom: Groom) -> Groom:
         return groom
     if groom.skin is None:
         told = "[layout] lays feathers of regions over each other, and there are no regions"
-        warnings.warn(f"{groom.source}: {told}. Leave it out", InputWarning, stacklevel=2)
+        warn_input(f"{groom.source}: {told}. Leave it out")
         return groom
     _refuse_crowds(groom.feathers, str(groom.source), "layout", "or leave [layout] out")
     # what has no layout does without compiled code

@@ -12,12 +12,10 @@ push nothing are dealt out beside them as above.
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.errors import InputError, InputWarning, Problem
+from featherfx.errors import InputError, Problem, warn_input
 from featherfx.feather.types import Feather
 from featherfx.shot.detail.guides import guide_weights, uses_guides
 from featherfx.shot.types import Shot
@@ -75,7 +73,7 @@ def share_count(shot: Shot, wanted: int) -> int:
             f" with {largest} of {len(pushing)} feathers that push others"
         )
     if told:
-        warnings.warn(f"{shot.source}: contact: {told}", InputWarning, stacklevel=2)
+        warn_input(f"{shot.source}: contact: {told}")
     return count
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import pairwise
@@ -12,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.errors import InputWarning, as_figure
+from featherfx.errors import as_figure, warn_input
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.library import Library
 from featherfx.groom.read.readers import SceneReaders
@@ -197,7 +196,7 @@ def _warn_of_crowds(flock: FlockShot, times: Any) -> None:
         told = f"{count} birds are in others, {names} {as_figure(near)} m apart in frame"
         remedy = "Give a larger spread, or fewer birds"
         message = f"{flock.source}: flock: {told} {flock.frames[0] + k}. {remedy}"
-        warnings.warn(message, InputWarning, stacklevel=2)
+        warn_input(message)
 
 
 def _warn_of_camera(
@@ -211,5 +210,5 @@ def _warn_of_camera(
         if inside.any():
             name = birds[int(np.flatnonzero(inside)[0])].name
             told = f"camera: is inside of {name} in frame {frame}. Move the camera or the path"
-            warnings.warn(f"{source}: {told}", InputWarning, stacklevel=2)
+            warn_input(f"{source}: {told}")
             return

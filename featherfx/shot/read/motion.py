@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 from functools import partial
@@ -13,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.errors import InputWarning, all_of
+from featherfx.errors import all_of, warn_input
 from featherfx.groom.keys.preset import MOTION_KEYS, SOURCE_KEYS, Clock
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import Either, Number, ValueType
@@ -101,7 +100,7 @@ def warn_of_aliases(motion: Motion, rate: float, source: str, tempo: float = 1.0
         told = f"{fastest:.3g} {motion.kind}s a second look slower or backwards in {rate:g} frames"
         remedy = f"Give more than {2.0 * fastest:.3g} frames_per_second"
         message = f"{source}: motion.{key[motion.kind]}: {told}. {remedy}"
-        warnings.warn(message, InputWarning, stacklevel=2)
+        warn_input(message)
 
 
 def warn_of_length(motion: Motion, frames: tuple[int, int], rate: float, source: str) -> None:
@@ -118,7 +117,7 @@ def warn_of_length(motion: Motion, frames: tuple[int, int], rate: float, source:
         told = f"is over at frame {end:.4g}, before the first, {first}. Give later times or start"
     else:
         return
-    warnings.warn(f"{source}: motion: {told}", InputWarning, stacklevel=2)
+    warn_input(f"{source}: motion: {told}")
 
 
 def _ends(motion: Motion) -> Iterator[float]:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.errors import InputWarning
+from featherfx.errors import InputWarning, warn_input
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.read.readers import SceneReaders
 from featherfx.groom.types import Groom
@@ -284,7 +284,7 @@ def _warn_of_range(source: OfScene, checked: dict[str, Any], clock: StageClock, 
     missing = _missing(source, checked, clock)
     if missing:
         message = f"{at.source}: {at.key}: {missing}. The nearest is held beyond"
-        warnings.warn(message, InputWarning, stacklevel=2)
+        warn_input(message)
 
 
 def _missing(source: OfScene, checked: dict[str, Any], clock: StageClock) -> str:

@@ -6,7 +6,6 @@ bake: feathers, skins, colliders.
 
 from __future__ import annotations
 
-import warnings
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 from pxr import Usd, UsdGeom, UsdUtils
 
-from featherfx.errors import InputError, InputWarning, Problem, require
+from featherfx.errors import InputError, Problem, require, warn_input
 from featherfx.groom.keys.groom import USD_KEYS
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import Table
@@ -175,7 +174,7 @@ def _geometry(prim: Any, place: Place) -> None:
         place.child(f"{prim.GetPath()}.{attribute}").fail(message)
     for attribute, message in habits:
         text = f"{place.source}: {prim.GetPath()}.{attribute}: {message}"
-        warnings.warn(text, InputWarning, stacklevel=2)
+        warn_input(text)
 
 
 def _meshes(scene: SourceScene, place: Place) -> set[str]:

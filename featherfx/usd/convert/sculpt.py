@@ -14,7 +14,6 @@ from the cache's own root. So rachises and barbs keep the lengths that they have
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -28,7 +27,7 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from featherfx.algebra.rotation import rotation_vectors, vectors_to_frames
 from featherfx.algebra.types import Array
-from featherfx.errors import InputError, InputWarning, Problem, as_figure, require_type
+from featherfx.errors import InputError, Problem, as_figure, require_type, warn_input
 from featherfx.feather.types import RowPoints, both, turned
 from featherfx.groom.frames import along_polyline
 from featherfx.groom.keys.problems import Place, Problems, nearest
@@ -217,7 +216,7 @@ def _warn_of_order(
             names = [after.feathers[k].id for k in pairs[0]]
             more = f", and {len(pairs) - 1} more pairs" if len(pairs) > 1 else ""
             told = f"'{names[0]}' and '{names[1]}' intersect at frame {code:g} and did not before"
-            warnings.warn(f"{source}: {told}{more}. Pose both", InputWarning, stacklevel=3)
+            warn_input(f"{source}: {told}{more}. Pose both", 3)
 
 
 def read_held_poses(path: Path, cache: Cache) -> dict[str, HeldPoses]:
@@ -295,7 +294,7 @@ def _fit(
             f"'{name}' is {as_figure(100.0 * off[worst])} % of its length off its pose at frame"
         )
         message += f" {worst:g}: its root stays, and rachis and barbs keep their lengths"
-        warnings.warn(f"{source}: {message}", InputWarning, stacklevel=2)
+        warn_input(f"{source}: {message}")
     return SculptedFeather(name, index, mesh, deviations, fade)
 
 
@@ -340,7 +339,7 @@ class _Writer:
         for name in _DIAGNOSED:
             if name in prim.spec.properties:
                 told = f"{name} is that of the bake and left out"
-                warnings.warn(f"{path}: {told}", InputWarning, stacklevel=2)
+                warn_input(f"{path}: {told}")
                 prim.spec.RemoveProperty(prim.spec.properties[name])
         spans = [self._feathers[prim.ids[k]].span for k in chosen]
         low, high = min(a for a, _ in spans), max(b for _, b in spans)

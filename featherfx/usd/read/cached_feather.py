@@ -6,7 +6,6 @@ first and the number of each feather's points, faces or curves, in the order of 
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
@@ -16,7 +15,7 @@ from pxr import UsdGeom
 
 from featherfx.algebra.triangulation import triangulate
 from featherfx.algebra.types import Floats, Indices
-from featherfx.errors import InputError, InputWarning
+from featherfx.errors import InputError, warn_input
 from featherfx.feather.types import LEADING
 from featherfx.groom.looks import BarbLook, look_of
 from featherfx.usd.read.mesh_topology import read_topology
@@ -165,7 +164,7 @@ def read_mesh_feathers(mesh: Any) -> list[tuple[FeatherMember, CachedFeather]]:
     prim = mesh.GetPrim()
     if not has_faces(mesh):
         told = f"{prim.GetPath()} has no faces and is left out"
-        warnings.warn(told, InputWarning, stacklevel=2)
+        warn_input(told)
         return []
     whole = _read_whole_mesh(mesh)
     members = read_members(prim)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from featherfx.algebra.types import Array
-from featherfx.errors import InputError, InputWarning, Problem
+from featherfx.errors import InputError, Problem, warn_input
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.provenance import StageRead, note_read
 from featherfx.shot.clock import StageClock
@@ -68,7 +67,7 @@ def find_scenery(
             except InputError as error:
                 told = f"cannot be read ({error}) and"
         message = f"{path}: its {entry['role']} {file} {told} not {done}"
-        warnings.warn(message, InputWarning, stacklevel=2)
+        warn_input(message)
 
 
 def open_scenery(file: Path, entry: Mapping[str, Any]) -> SceneryMesh:
@@ -115,7 +114,7 @@ def _open_drawn(scene: SourceScene, drawn: DrawnMesh, clock: StageClock) -> Iter
     try:
         yield SceneryMesh(scene, open_drawn(scene, drawn, MeshOptions(uv=""), place), clock)
     except InputError as error:
-        warnings.warn(f"{error}. It is not drawn", InputWarning, stacklevel=3)
+        warn_input(f"{error}. It is not drawn", 3)
 
 
 def is_feather(drawn: DrawnMesh) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections import Counter
 from functools import partial
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 from pxr import UsdGeom, UsdSkel
 
 from featherfx.algebra.types import Array, Flags
-from featherfx.errors import InputWarning, all_of
+from featherfx.errors import all_of, warn_input
 from featherfx.groom.keys.problems import Place, Problems, nearest
 from featherfx.groom.skin.points import skin_doubts
 from featherfx.provenance import StageRead, note_read
@@ -66,7 +65,7 @@ def read_skin(
             continue
         mesh.warn(str(scene.path))
         for message in skin_doubts(mesh):
-            warnings.warn(f"{scene.path}: {path}: {message}", InputWarning, stacklevel=2)
+            warn_input(f"{scene.path}: {path}: {message}")
     for mesh in opened:
         note_read(StageRead(str(scene.path), mesh.path, "skin at rest", 1))
     return {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdSkel, Vt
 
 from featherfx.algebra.types import Array, Floats, Indices
-from featherfx.errors import InputWarning
+from featherfx.errors import warn_input
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.usd.read.stage import SourceScene, prims_below
 from featherfx.usd.read.values import (
@@ -357,7 +356,7 @@ def _warn_of_animations(mesh: Any, skeleton: Any, path: str) -> None:
     others = ", ".join(sorted({str(each) for each in named if each != own}))
     if own and others:
         told = f"{path}: moved by {own}, not by {others}. Bind the skeleton to one animation"
-        warnings.warn(told, InputWarning, stacklevel=2)
+        warn_input(told)
 
 
 def _lacks_schema(prim: Any) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from pxr import Pcp, Sdf, Usd, UsdGeom, UsdSkel
 
 from featherfx.algebra.types import Array
-from featherfx.errors import InputError, InputWarning, some_of
+from featherfx.errors import InputError, some_of, warn_input
 from featherfx.groom.keys.problems import Place, Problems, closest
 from featherfx.provenance import LeftOut
 from featherfx.usd.read.opening import locate_package, open_stage
@@ -259,9 +258,7 @@ def open_scene(path: Path, place: Place) -> SourceScene:
     if clips:
         place.refuse(*(f"{file}: {reason}" for file, reason in clips.items()))
     if not stage.HasAuthoredMetadata(UsdGeom.Tokens.metersPerUnit):
-        warnings.warn(
-            f"{path}: metersPerUnit is not authored, which means centimetres", InputWarning, 2
-        )
+        warn_input(f"{path}: metersPerUnit is not authored, which means centimetres")
     scene = SourceScene(path, stage)
     unit = scene.meters_per_unit
     for layer in stage.GetUsedLayers():
@@ -269,7 +266,7 @@ def open_scene(path: Path, place: Place) -> SourceScene:
         if layer.pseudoRoot.HasInfo("metersPerUnit") and own != unit:
             told = f"has {own:g} m per unit, the stage {unit:g}. USD does not convert"
             message = f"{path}: {layer.realPath} {told}: scale what it holds by {own / unit:g}"
-            warnings.warn(message, InputWarning, 2)
+            warn_input(message)
     return scene
 
 
@@ -282,7 +279,7 @@ def open_chosen(path: Path, entry: Mapping[str, Any], file: Place, place: Place)
     scene = open_scene(path, file)
     for name, why in list_broken(scene.stage).items():
         told = "What it holds is not read: mend it, or remove what names it"
-        warnings.warn(f"{path}: {name}: {why}. {told}", InputWarning, 2)
+        warn_input(f"{path}: {name}: {why}. {told}")
     return choose_variants(scene, entry.get("variant_sets", {}), place.child("variant_sets"))
 
 

@@ -9,7 +9,6 @@ again when they are asked for, so that memory does not grow with the number of f
 from __future__ import annotations
 
 import copy
-import warnings
 from collections import OrderedDict
 from collections.abc import Sequence
 from threading import Lock
@@ -23,7 +22,7 @@ from featherfx.algebra.interpolation import Knots, Maps, Stencil
 from featherfx.algebra.triangulation import orient
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import cross_columns, triangle_edges
-from featherfx.errors import InputError, InputWarning, Problem, as_figure
+from featherfx.errors import InputError, Problem, as_figure, warn_input
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.skin import closest
 from featherfx.shot.sources import JointTree
@@ -189,11 +188,7 @@ class Surface(ScenePrim):
             off, of = self.cage_distance(), "the cage, which is taken,"
         if off > MAX_UNTOLD_DISTANCE:
             message = f"{at}: {self.path}: {of} are up to {as_figure(1e3 * off)} mm off"
-            warnings.warn(
-                f"{message} the {self.scheme} surface that renderers draw",
-                InputWarning,
-                stacklevel=3,
-            )
+            warn_input(f"{message} the {self.scheme} surface that renderers draw", 3)
 
     def locate(self, triangle: Indices, barycentric: Array) -> tuple[Indices, Indices, Array]:
         """Return (R,) faces of the prim, (R, 3) its points, and (R, 3) their weights, of places.
@@ -462,5 +457,5 @@ def open_drawn(scene: SourceScene, drawn: DrawnMesh, options: MeshOptions, place
     idle = explain_stillness(prim)
     if idle and not options.is_driven and opened.is_still():
         opened.idle = idle
-        warnings.warn(f"{scene.path}: {prim.GetPath()}: {idle}", InputWarning, stacklevel=2)
+        warn_input(f"{scene.path}: {prim.GetPath()}: {idle}")
     return opened

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from featherfx import usd
-from featherfx.errors import InputWarning, Problem, SimulationError
+from featherfx.errors import Problem, SimulationError, warn_input
 from featherfx.files.atomic_write import Standing, standing
 from featherfx.files.background import Background
 from featherfx.limits import describe_large_output
@@ -141,7 +140,7 @@ class CacheWriter:
             needed = bytes_per_sample * self._samples
             told = describe_large_output(needed, self._samples, self._path)
             if told:
-                warnings.warn(told, InputWarning, stacklevel=2)
+                warn_input(told)
         self._info = StageInfo(
             prim_name(place.root or self._path.stem),
             space,
