@@ -207,7 +207,7 @@ def _warn_if_never(cycles: Sequence[Cycle | None], frames: int, done: int) -> No
         return
     known = [cycle for cycle in cycles if cycle is not None]
     if not known:
-        message = "cycle: hooks that slip do not repeat, so no feather is replayed"
+        message = "cycle: hooks that slip do not repeat, so no feather is replayed. Leave it out"
         warn_input(message)
     elif not any(cycle.met for cycle in known):
         message = f"cycle: root, wind and forces of no feather repeat after {frames} frames"
