@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from featherfx.errors import InputError
 from featherfx.lab.contact.experiments import ContactTest, TouchingPlates, energy_gain, run_contact
@@ -18,6 +20,7 @@ from featherfx.lab.contact.plates import (
     prop_force,
     propped_tip,
 )
+from featherfx.solver.damping import fit_branches
 
 
 def at_rest(**test):
@@ -136,3 +139,23 @@ def test_a_stack_is_a_beam_of_the_sum_of_its_plates():
 def test_a_stack_without_plates_is_refused():
     with pytest.raises(InputError, match=r"n: 0 is not allowed\. Give 1 to 50"):
         run_contact(ContactTest(case="stack", n=0))
+
+
+def test_a_beam_with_loss_swings_as_its_dashpots_and_springs_do():
+    """One mass on the material's springs, integrated by another program's Runge-Kutta steps."""
+    loss, beam = 0.2, [Plate(BENDING, 0.04)]
+    dashpot, times, weights = fit_branches(loss, (1.0, 200.0))
+    square = (2.0 * np.pi * frequency_of(beam)) ** 2
+
+    def rates(_, y):
+        moved, speed, strains = y[0], y[1], y[2:]
+        force = moved + dashpot * speed + weights @ strains
+        return [speed, -square * force, *(speed - strains / times)]
+
+    begin = [1.0, 0.0, *np.zeros(len(times))]
+    found = solve_ivp(rates, (0.0, 1.0), begin, "LSODA", events=lambda _, y: y[1], rtol=1e-9)
+    turns = found.t_events[0]
+    assert len(turns) > 7
+    # half periods, once what creeps has died down
+    assert frequency_of(beam, loss) == pytest.approx(0.5 / np.diff(turns)[2:6].mean(), rel=3e-3)
+    assert frequency_of(beam, loss) > 1.15 * frequency_of(beam)

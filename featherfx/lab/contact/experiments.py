@@ -20,6 +20,7 @@ import numpy as np
 from featherfx.algebra.rotation import quats_to_frames
 from featherfx.algebra.types import Array
 from featherfx.errors import require
+from featherfx.jit.compiled import KernelModule
 from featherfx.lab.contact.plates import (
     BENDING,
     FRAMES_PER_SECOND,
@@ -33,11 +34,15 @@ from featherfx.lab.contact.plates import (
     sliding_of,
 )
 from featherfx.lab.declare import Range, out_of_range, value
+from featherfx.mechanics.model import Model
 from featherfx.shot.contact.contact_group import ContactStage
 from featherfx.shot.loop.free_group import free_groups
 from featherfx.shot.loop.groups import FeatherGroup
 from featherfx.shot.loop.run import ShotRun, StepGroup, make_groups
 from featherfx.solver.solver import specific_energy
+from featherfx.solver.state import State
+
+energy_kernels = KernelModule("featherfx.solver.step.energy_kernels")
 
 
 class PlateSample(NamedTuple):
@@ -113,8 +118,7 @@ class TouchingPlates:
                 (model.mass, model.rotary_inertia), state.velocity, strict=True
             ):
                 kinetic += 0.5 * float(np.einsum("fnp,fnpk,fnpk->", inertia, rate, rate))
-            elastic = [specific_energy(model, state, f) for f in range(len(some))]
-            potential += float(mass @ elastic)
+            potential += sum(_elastic_energy(model, state, f) for f in range(len(some)))
             potential -= float(
                 np.einsum("fnp,fnpk,k->", model.mass, state.points.nodes, self._weight)
             )
@@ -145,6 +149,13 @@ class TouchingPlates:
         pull = np.einsum("fij,fj->fi", frames, forces)
         weight = model.mass[:, 0].sum(axis=1)[:, None] * self._weight
         return np.where(model.held[:, None], -pull - weight, 0.0)
+
+
+def _elastic_energy(model: Model, state: State, f: int) -> float:
+    """Energy (J) of the springs of feather f, and of those of its dashpots."""
+    strains, gaps, history = state.strains.at(f, 0), state.gaps_of(f), state.strains.at(f)
+    viscous = energy_kernels.viscous_energy(model, f, strains, history, gaps, 0.0)
+    return float(model.mass[f].sum()) * specific_energy(model, state, f) + float(viscous)
 
 
 Case = Literal["plates", "stack", "graded", "wedge", "slide", "collide"]
@@ -263,7 +274,7 @@ def _hang(plates: Sequence[Plate], setup: PlateSetup, frames: int) -> ContactRun
     return replace(
         found,
         frequency=_measure_frequency(np.array([each.tips.mean() for each in samples])),
-        frequency_exact=frequency_of(plates),
+        frequency_exact=frequency_of(plates, setup.loss),
         energy_gain=energy_gain(samples),
     )
 
@@ -336,7 +347,8 @@ def _measure_frequency(heights: Array) -> float:
     times = np.arange(len(heights)) / FRAMES_PER_SECOND
 
     def swing(t: Array, middle: float, decay: float, frequency: float) -> Array:
-        swung = np.exp(-decay * t) * np.cos(2.0 * np.pi * frequency * t)
+        turn = 2.0 * np.pi * frequency
+        swung = np.exp(-decay * t) * (np.cos(turn * t) + decay / turn * np.sin(turn * t))
         return np.asarray(middle * (1.0 - swung))
 
     middle = float(heights.mean())

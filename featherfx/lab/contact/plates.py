@@ -6,11 +6,17 @@ without friction, a thickness apart, and bend as one beam of the sum of their st
 weight q, line mass m and length L,
 
     w = q L^4 / (8 EI)                              tip of a slender cantilever
-    f = 1.8751^2 / (2 pi) sqrt(EI / (m L^4))        its first frequency
+    W = 1.8751^2 sqrt(EI / (m L^4))                 its first angular frequency without loss
     P = q (6 L^2 - 4 L a + a^2) / (8 a)             force of an edge below it at x = a
     w = q L^4 / (8 EI) - P a^2 (3 L - a) / (6 EI)   tip of a plate that rests on that edge
 
-(Timoshenko and Young 1961; Gere and Timoshenko 1997, appendix G). A plate slides on a slope s where
+(Timoshenko and Young 1961; Gere and Timoshenko 1997, appendix G). A material of the modulus
+E(p) = E (1 + t p + sum g_i p t_i / (1 + p t_i)) (solver/damping) bends in the shape that it has
+without loss, and swings as exp(p s) where
+
+    p^2 + W^2 E(p) / E = 0,      f = Im p / (2 pi)
+
+(correspondence principle: Christensen 1982, chapter 2). A plate slides on a slope s where
 tan s > mu, and then with (Coulomb 1785)
 
     a = g (sin s - mu cos s)
@@ -30,6 +36,7 @@ from featherfx.api import read_quality
 from featherfx.groom.materials import RachisMaterial, VaneMaterial
 from featherfx.groom.types import BarbGuide, FeatherKind, Groom, Placement, RachisShape, VaneShape
 from featherfx.shot.types import Contact, Motion, Shot, Wind
+from featherfx.solver.damping import fit_branches
 
 LENGTH, WIDTH = 0.2, 0.04
 FRAMES_PER_SECOND = 24.0
@@ -40,6 +47,8 @@ _DIAMETER, _WEIGHTLESS = 1e-3, 1.0
 _RIGID_BARB, _SOFT = 1e-2, 1e-6
 # eigenvalue of the first mode of a cantilever
 _FIRST_MODE = 1.8751040687
+# fixed-point iterations of the damped frequency, each of which errs by about the loss factor less
+_ROOT_ITERATIONS = 30
 
 
 @dataclass(frozen=True)
@@ -71,10 +80,16 @@ def droop_of(plates: Sequence[Plate], gravity: float) -> float:
     return -load * gravity * LENGTH**4 / (8.0 * stiffness)
 
 
-def frequency_of(plates: Sequence[Plate]) -> float:
-    """Return the first frequency (Hz) of plates that bend as one."""
+def frequency_of(plates: Sequence[Plate], loss: float = 0.0) -> float:
+    """Return the first frequency (Hz) of plates that bend as one. loss: loss factor."""
     mass, stiffness = sum(p.line_mass for p in plates), sum(p.bending for p in plates)
-    return _FIRST_MODE**2 / (2.0 * pi) * sqrt(stiffness / (mass * LENGTH**4))
+    lossless = _FIRST_MODE**2 * sqrt(stiffness / (mass * LENGTH**4))
+    dashpot, times, weights = fit_branches(loss, RachisMaterial.loss_band)
+    p = 1j * lossless
+    for _ in range(_ROOT_ITERATIONS):
+        stiffer = 1.0 + dashpot * p + (weights * p * times / (1.0 + p * times)).sum()
+        p = 1j * lossless * np.sqrt(stiffer)
+    return float(p.imag) / (2.0 * pi)
 
 
 def sliding_of(slope: float, friction: float, gravity: float) -> float:
