@@ -24,9 +24,10 @@ class ContactSettings:
     margin: m, gap below which nodes of the thickest vane are followed, and the most of any; of
     others in proportion to their thickness, and of those that do not go where they were headed
     more. tolerance: m, that another round may move anything over a frame (s), or over an interval
-    where frame is 0. rounds: most rounds over all feathers in an interval. recovery: m/s, speed at
-    which what begins too deep comes apart. newton: m, distance from its step's solution to which a
-    feather is solved that nothing presses, where that may be more than for others.
+    where frame is 0. rounds: most rounds over all feathers in an interval; twice as many over two
+    alone. recovery: m/s, speed at which what begins too deep comes apart. newton: m, distance from
+    its step's solution to which a feather is solved that nothing presses, where that may be more
+    than for others.
     """
 
     friction: float = 0.3

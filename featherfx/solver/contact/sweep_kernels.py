@@ -36,6 +36,8 @@ from featherfx.solver.step.step_control_kernels import scale_settings
 _BEGUN = -1.0
 # contacts, and bodies, that a thread takes at a time
 _CONTACTS, _BODIES = 1024, 64
+# most rounds of two bodies, which take little time, over those of more
+_ROUNDS_RATIO_OF_PAIRS = 2
 # rounds after which what pinches a body shares the depth that is left
 _PATIENCE = 4
 
@@ -234,7 +236,9 @@ def _close(island, number, sweep):
     marks, islands, rules = sweep.marks, sweep.islands, sweep.rules
     anew = rules.friction and number == 1 and rules.rounds > 1
     islands.worst[island], islands.rounds[island] = 0.0, number
-    for at in range(islands.first[island], islands.first[island + 1]):
+    low, high = islands.first[island], islands.first[island + 1]
+    most = rules.rounds * (_ROUNDS_RATIO_OF_PAIRS if high - low == 2 else 1)
+    for at in range(low, high):
         body = islands.bodies[at]
         if marks.mine[body] == 0:
             continue
@@ -244,7 +248,7 @@ def _close(island, number, sweep):
         elif anew and closed_on_led(body, sweep.touch, sweep.listed, marks.mine):
             worst, marks.active[body] = np.inf, 1
         islands.worst[island] = max(islands.worst[island], worst)
-    if number >= rules.rounds or islands.worst[island] < 1.0:
+    if number >= most or islands.worst[island] < 1.0:
         islands.open[island] = 0
 
 
