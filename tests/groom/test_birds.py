@@ -476,7 +476,7 @@ def test_a_third_wing_and_a_species_that_extends_itself_are_told(tmp_path):
     with pytest.raises(InputError) as caught:
         read_groom(bald)
     (problem,) = caught.value.problems
-    assert str(problem).endswith("wing[0].id: 'right_wing' is taken by bird")
+    assert str(problem).endswith("wing[0].id: 'right_wing' is taken by bird. Choose another")
 
 
 @pytest.mark.parametrize(

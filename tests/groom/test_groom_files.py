@@ -262,7 +262,7 @@ def test_joint_faults(tmp_path: Path) -> None:
     joint = '[[joint]]\nname = "{}"\nposition = [0, 0, 0]\nparent = "{}"\n'
     text = joint.format("a", "b") + joint.format("b", "a") + joint.format("c", "d")
     problems = found(tmp_path, text + joint.format("c", "") + feather("x"))
-    assert "groom.toml: joint[3].name: 'c' is taken by joint[2]" in problems
+    assert "groom.toml: joint[3].name: 'c' is taken by joint[2]. Choose another" in problems
     assert (
         "groom.toml: joint[0].parent: joint cycle: a -> b -> a. Give one of them another parent"
         in problems

@@ -31,7 +31,8 @@ def grow_limbs(
     taken: dict[str, Place] = {}
     for at, entry in reversed(parts["wing"]):  # those of [bird] come last
         if taken.setdefault(entry["id"], at) is not at:
-            at.child("id").fail(f"'{entry['id']}' is taken by {taken[entry['id']].key}")
+            other = taken[entry["id"]].key
+            at.child("id").fail(f"'{entry['id']}' is taken by {other}. Choose another")
     for at, entry in parts["wing"]:
         if taken[entry["id"]] is not at:
             continue

@@ -239,7 +239,8 @@ def _joints(
     written = [(each, at) for at, entry in entries for each in _joint_pair(entry, at, space)]
     for joint, at in [*written, *grown]:
         if joint.name in found:
-            at.child("name").fail(f"'{joint.name}' is taken by {found[joint.name][1].key}")
+            other = found[joint.name][1].key
+            at.child("name").fail(f"'{joint.name}' is taken by {other}. Choose another")
         else:
             found[joint.name] = joint, at
     faulty = set()

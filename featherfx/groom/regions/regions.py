@@ -157,7 +157,8 @@ def grow_regions(
     first: dict[str, Place] = {}
     for at, entry in entries:
         if first.setdefault(entry["id"], at) is not at:
-            at.child("id").fail(f"'{entry['id']}' is taken by {first[entry['id']].key}")
+            other = first[entry["id"]].key
+            at.child("id").fail(f"'{entry['id']}' is taken by {other}. Choose another")
     skin, at = parts["skin"], place.child("skin")
     if skin is None:
         at.fail("is missing. Add [skin], since [[region]] grows on a skin")
