@@ -310,8 +310,10 @@ def scenery_of(shot: Shot, path: Path, bodies: Bodies) -> dict[str, Any]:
 
     bodies: of BakeTask.
     """
-    skin = () if shot.skin is None else shot.skin.parts
-    found = [("skin", part.surface, shot.skin.clock) for part in skin if shot.skin is not None]
+    found = []
+    if shot.skin is not None:
+        drawn = [part.surface for part in shot.skin.parts if part.surface.bones is None]
+        found = [("skin", surface, shot.skin.clock) for surface in drawn]
     found += [("collider", each.surface, each.clock) for each in shot.colliders]
     layers = {each[0].file: file for file, each in bodies.items()}
     # a collider may be the skin, too

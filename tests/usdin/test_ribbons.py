@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from usdin_scenes import new_stage
 
 import featherfx
+from featherfx.baking.entries import scenery_of
 from featherfx.errors import InputError
 
 ROOT = "{ position = [0, 0, 0], direction = [-1, 0, 0.1], up = [0, 0, 1] }"
@@ -110,8 +111,9 @@ def write_arm(folder, pose=None, joints=("arm", "arm/hand", "arm/hand/tip", "arm
 def test_roots_follow_a_skeleton_that_turns_as_a_whole_exactly(tmp_path):
     write_arm(tmp_path, {0: ((1, 2, 3), 40.0)})
     path = write_shot(tmp_path, "arm.usda", ["arm", "hand", "tip"], count=9, frames=(1, 2))
-    skin = featherfx.read_shot(path).skin
-    start, end = skin.frames(0.0), skin.frames(1 / 24)
+    shot = featherfx.read_shot(path)
+    assert scenery_of(shot, tmp_path / "cache.usdc", {}) == {}  # nothing of it is drawn
+    start, end = shot.skin.frames(0.0), shot.skin.frames(1 / 24)
     axis = np.array([1, 2, 3]) / np.sqrt(14)
     turn = Rotation.from_rotvec(np.radians(40.0) * axis).as_matrix()
     np.testing.assert_allclose(end.positions, start.positions @ turn.T, atol=1e-6)
