@@ -188,6 +188,14 @@ def rotation_part(matrices: Array) -> Array:
     return np.asarray(left @ right)
 
 
+def start_tangent(points: Array, stations: Array) -> Array:
+    """(3,) unit tangent at the first place on a curve, as `transported` takes turns from it."""
+    way = points[1] - points[0]
+    if len(points) > 2:
+        way = np.gradient(points, stations, axis=0, edge_order=2)[0]
+    return np.asarray(way / np.linalg.norm(way))
+
+
 def transported(points: Array, stations: Array) -> Array:
     """(n, 3, 3) turns since the first of places (n, 3) on a curve, without turning about it.
 

@@ -41,6 +41,11 @@ def triangle_edges(points: Array, triangles: Indices) -> tuple[Array, Array]:
     return first, second
 
 
+def arc_lengths(points: Array) -> Array:
+    """(k,) lengths of a polyline (k, D) from its first point to each."""
+    return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+
+
 def face_products(corners: Array) -> Array:
     """(T, 3) normals of triangles (T, 3, 3), twice their area long."""
     a, b, c = (corners[:, k].T for k in range(3))

@@ -15,6 +15,7 @@ from functools import lru_cache
 import numpy as np
 
 from featherfx.algebra.interpolation import monotone
+from featherfx.algebra.vectors import arc_lengths
 from featherfx.feather.types import Array
 
 Outline = tuple[tuple[float, float], ...]
@@ -52,7 +53,7 @@ def outline_curve(control: Outline, rounded_tip: float = 0.0) -> Array:
     feather. rounded_tip: share of the vane's length over which an open tip is closed.
     """
     points = np.asarray(control, dtype=np.float64)
-    chord = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))))
+    chord = arc_lengths(points)
     fine = np.linspace(chord[:-1], chord[1:], _SAMPLES_PER_SPAN, endpoint=False, axis=1).ravel()
     blunt = points[-1, 1] > 0.0
     if blunt and rounded_tip > 0.0:

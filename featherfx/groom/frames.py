@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import arc_lengths
 
 
 @dataclass(frozen=True)
@@ -49,8 +50,7 @@ class Mirror:
 
 def along_polyline(points: Array, fraction: Array) -> Array:
     """(n, 3) points at fractions of a polyline's length. points: (k, 3), k >= 2."""
-    lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    station = np.concatenate(([0.0], np.cumsum(lengths)))
+    station = arc_lengths(points)
     at = np.asarray(fraction, dtype=float) * station[-1]
     return np.column_stack([np.interp(at, station, points[:, axis]) for axis in range(3)])
 

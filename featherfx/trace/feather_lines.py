@@ -14,6 +14,7 @@ from scipy import ndimage
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.vectors import arc_lengths
 from featherfx.errors import InputError, Problem
 from featherfx.trace.silhouette import AlignedPicture
 
@@ -165,7 +166,7 @@ def drawn_shaft(
 
 
 def _even(places: Array) -> ShaftLine:
-    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
+    way = arc_lengths(places)
     wanted = np.linspace(0.0, way[-1], _FINE)
     even = np.stack([np.interp(wanted, way, column) for column in places.T], axis=1)
     return ShaftLine(even, float(way[-1]))

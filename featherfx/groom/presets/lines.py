@@ -11,6 +11,7 @@ import numpy as np
 from featherfx.algebra.interpolation import monotone
 from featherfx.algebra.rotation import parallel
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import arc_lengths
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.presets.flat_vane import crossing_segments
 from featherfx.groom.read.rachis_curve import (
@@ -95,7 +96,7 @@ def _curve(line: Line) -> Array:
     """(K, 3) a smooth curve through the points, as of an outline a monotone cubic of the chord, in
     lengths of it."""
     points = _lifted(line)
-    chord = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    chord = arc_lengths(points)
     at = np.linspace(chord[:-1], chord[1:], _SAMPLES_PER_SPAN, endpoint=False, axis=1).ravel()
     curve = np.concatenate([monotone(chord, points, at), points[-1:]])
     return np.asarray(curve / np.linalg.norm(np.diff(curve, axis=0), axis=1).sum())

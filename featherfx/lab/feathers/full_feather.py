@@ -27,6 +27,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import arc_lengths
 from featherfx.errors import require
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
@@ -279,7 +280,7 @@ def wrinkles(feather: Feather, points: Array) -> tuple[float, float]:
         rows = np.flatnonzero(feather.barb_length[side] > 0.0)
         last = (side + 1) * feather.columns
         edge = feather.rest.nodes[rows, last]
-        arc = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(edge, axis=0), axis=1)))
+        arc = arc_lengths(edge)
         found = edge_waves(arc, points[rows, last, 2])
         if found[1] > best[1]:
             best = found

@@ -16,8 +16,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from featherfx.algebra.rotation import from_rotation_vector, transported
+from featherfx.algebra.rotation import from_rotation_vector, start_tangent, transported
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import arc_lengths
 from featherfx.errors import Problem, require
 from featherfx.feather.density import density_map
 from featherfx.feather.types import Feather, RowPoints
@@ -50,21 +51,15 @@ def along_line(rest: RowPoints, station: Array, line: Array) -> RowPoints:
     """A feather whose shaft has the form of a curve (k, 3) m. rest: its pose, in the same axes.
     station: (n,) m, arc lengths of its rows."""
     nodes, axis = rest.nodes, rest.nodes[:, 0]
-    way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
+    way = arc_lengths(line)
     scale = station[-1] / way[-1]
     places = [np.interp(station, scale * way, scale * (each - each[0])) for each in line.T]
     shaft = np.stack(places, axis=1)
-    first, own = (_start(each, station) for each in (axis, shaft))
+    first, own = (start_tangent(each, station) for each in (axis, shaft))
     turn = transported(shaft, station) @ _shortest(first, own)
     back = transported(axis, station) @ turn.transpose(0, 2, 1)
     moved = shaft[:, None] + (nodes - nodes[:, :1]) @ back
     return RowPoints(moved, rest.directors @ back)
-
-
-def _start(points: Array, station: Array) -> Array:
-    """(3,) unit tangent at the first of points on a curve, as turns along it are taken from."""
-    way = np.gradient(points, station, axis=0, edge_order=2)[0]
-    return np.asarray(way / np.linalg.norm(way))
 
 
 def _shortest(first: Array, second: Array) -> Array:

@@ -28,7 +28,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.algebra.vectors import face_products, unit
+from featherfx.algebra.vectors import arc_lengths, face_products, unit
 from featherfx.errors import InputError, Problem
 from featherfx.feather.crossings import (
     BODY,
@@ -395,7 +395,7 @@ def _measure_rachis(points: Array, carriers: list[_Skin]) -> tuple[float, float,
     """Return angles at middle and tip, degrees, height of the tip and length, m."""
     distance, *found = map(np.stack, zip(*(each.feet(points) for each in carriers), strict=True))
     foot, normal = (each[distance.argmin(axis=0), np.arange(len(points))] for each in found)
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    along = arc_lengths(points)
     rise = np.sum(unit(np.gradient(points, axis=0)) * normal, axis=1)
     angles = np.degrees(np.arcsin(np.clip(rise, -1.0, 1.0)))
     middle = np.interp(0.5 * along[-1], along, angles)

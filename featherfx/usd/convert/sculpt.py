@@ -27,6 +27,7 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from featherfx.algebra.rotation import rotation_vectors, vectors_to_frames
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import arc_lengths
 from featherfx.errors import InputError, Problem, as_figure, require_type, warn_input
 from featherfx.feather.types import RowPoints, both, turned
 from featherfx.groom.frames import along_polyline
@@ -270,9 +271,7 @@ def _fit(
     for code in sorted({*held.meshes, *held.lines}):
         points = cache.points(index, code).astype(np.float64)
         rows = mesh.rows_of(points)
-        station = np.append(
-            0.0, np.cumsum(np.linalg.norm(np.diff(rows.nodes[:, 0], axis=0), axis=1))
-        )
+        station = arc_lengths(rows.nodes[:, 0])
         at = f"'{name}' at frame {code:g}"
         if (wanted := held.meshes.get(code)) is not None:
             if len(wanted) != len(points):

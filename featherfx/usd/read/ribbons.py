@@ -20,8 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdSkel
 
-from featherfx.algebra.rotation import transported
+from featherfx.algebra.rotation import start_tangent, transported
 from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vectors import arc_lengths
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.skin import is_flat
 from featherfx.usd.read.curves import read_prim_curves
@@ -87,7 +88,7 @@ class CurveRibbon(Ribbons):
         line = self._line(rest_time(self._points))
         pieces = np.linalg.norm(np.diff(line, axis=0), axis=1)
         self._half = _HALF_WIDTH_RATIO * float(pieces.mean())
-        self._tangent = _start_tangent(line, _stations(line))
+        self._tangent = start_tangent(line, arc_lengths(line))
         across = np.cross(self._tangent, np.eye(3)[np.argmin(np.abs(self._tangent))])
         self._across = across / np.linalg.norm(across)
         self.rest = self._ribbon(line)
@@ -113,28 +114,14 @@ class CurveRibbon(Ribbons):
         return read_prim_curves(self.space, code, place).line(0)
 
     def _ribbon(self, line: Array) -> Array:
-        stations = _stations(line)
+        stations = arc_lengths(line)
         # a turn without one about the tangent takes what is square to it along
-        tangent = _start_tangent(line, stations)
+        tangent = start_tangent(line, stations)
         axis, cosine = np.cross(self._tangent, tangent), self._tangent @ tangent
         start = self._across + np.cross(axis, self._across)
         start = start + np.cross(axis, np.cross(axis, self._across)) / max(1.0 + cosine, 1e-9)
         side = self._half * transported(line, stations) @ start
         return np.stack([line - side, line + side], axis=1).reshape(-1, 3)
-
-
-def _stations(line: Array) -> Array:
-    """Return (k,) arc lengths of the points of a line."""
-    pieces = np.linalg.norm(np.diff(line, axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(pieces)])
-
-
-def _start_tangent(line: Array, stations: Array) -> Array:
-    """Return (3,) unit tangent at the first point, as `transported` computes it."""
-    way = line[1] - line[0]
-    if len(line) > 2:
-        way = np.gradient(line, stations, axis=0, edge_order=2)[0]
-    return np.asarray(way / np.linalg.norm(way))
 
 
 def curve_fault(scene: SourceScene, prim: Any, place: Place) -> str:
