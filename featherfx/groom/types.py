@@ -343,7 +343,7 @@ class Turning(ByValue):
 
     joints: names. fraction: 0 turns with the first, 1 with the second. anchor: (3,) m, in the
     groom's frame at rest; the root turns about it. bow: (6,) screw (rad, m) in the groom's frame
-    at rest, of the whole bow of a wing whose second joint is folded (groom/anatomy/bow.py); the
+    at rest, of the whole bow of a wing whose second joint is folded (groom/anatomy/sheet.py); the
     first carries it; None: it stays flat.
     """
 

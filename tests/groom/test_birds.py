@@ -19,6 +19,8 @@ from featherfx.errors import InputError
 from featherfx.groom.anatomy import drape
 from featherfx.groom.anatomy.drape import Body
 from featherfx.groom.anatomy.landmarks import axes_of
+from featherfx.groom.anatomy.pose import folded
+from featherfx.groom.anatomy.remiges import lying
 from featherfx.groom.anatomy.wing import wing_type
 from featherfx.groom.keys.anatomy import TRACTS
 from featherfx.groom.keys.problems import Place, Problems
@@ -65,9 +67,7 @@ def bird():
 @pytest.fixture
 def wings_as_typed(monkeypatch):
     """Folded wings stay where their type has them: to find how they lie takes 5 s and more."""
-    monkeypatch.setattr(
-        "featherfx.groom.anatomy.bird.lie_on", lambda kind, shoulder, *_: (kind, shoulder)
-    )
+    monkeypatch.setattr("featherfx.groom.anatomy.bird._lying", lambda wings, _: wings)
 
 
 def test_a_skin_and_landmarks_are_a_whole_bird(bird):
@@ -116,7 +116,7 @@ def test_folded_wings_lie_on_the_body_and_meet_on_the_back(bird):
         assert gaps.mean() < 0.05 * 0.3  # of the length of the body
         # the vane of the innermost tertial, a sixth of its length wide, reaches onto the back
         edges = sign * shafts[:, :, 1] - np.array([[f.kind.length / 6.0] for f in arm])
-        assert 0.0 < edges.min() < 0.03
+        assert 0.0 < edges.min() < 0.012
 
 
 def test_a_folded_wing_lies_with_its_front_on_the_breast_and_its_tip_over_the_tail(bird):
@@ -267,28 +267,32 @@ def test_few_feathers_of_large_shut_tails_pass_through_each_other(tmp_path, kind
     assert len(crossed(tail, 11, 4)) <= most
 
 
-def test_folded_wings_stay_off_the_body_as_far_as_their_type_says(bird, monkeypatch):
-    monkeypatch.setattr(drape, "_best", lambda fit: np.array([60.0, 7, 20, 78, 0, 0, 0]))
-    monkeypatch.setattr(drape, "kept", lambda name, inputs, make: make())
+@pytest.mark.parametrize("clear", [0.02, 0.1])
+def test_folded_wings_stay_off_the_body_as_far_as_their_type_says(bird, clear):
     body, shoulder = Body(bird.skin, np.eye(3), np.zeros(3)), np.array([0.04, -0.042, 0.205])
     kind = wing_type({"base": "pigeon"}, Place("", "", Problems()), Library((), Problems()))
-    near, far = (
-        drape.lie_on(replace(kind, body_clearance=clear), shoulder, 1.0, body, 0.0)[1]
-        for clear in (kind.body_clearance, kind.body_clearance + 0.1)
+    kind = replace(kind, body_clearance=clear, lift=0.0)
+    body = replace(body, middle=np.array([-0.134, 0.0, 0.138]))
+    kind, sheet = drape.lie_on(kind, shoulder, 1.0, body, 0.0)
+    bones = folded(kind, shoulder, np.array([0.045, 0.053, 0.058]), body.axes, False, 1.0)
+    shafts = lying(kind, bones, 1.0, sheet)[:, 1:]
+    gaps = np.sort(body.gaps(shafts.reshape(-1, 3)))
+    assert np.percentile(gaps, drape._NEAREST) == pytest.approx(
+        clear * max(kind.primaries.lengths), rel=0.15
     )
-    moved = np.linalg.norm(far - near) / max(kind.primaries.lengths)
-    assert 0.1 <= moved < 0.15  # aslant to the skin
 
 
-def test_the_upper_arm_of_a_folded_wing_turns_about_that_of_its_type(bird):
-    """A gull's would not have come down to the back from a pigeon's."""
-    library = Library((), Problems())
-    body, shoulder = Body(bird.skin, np.eye(3), np.zeros(3)), np.array([0.04, -0.042, 0.205])
-    for base, put in (("pigeon", 78.0), ("gull", 95.0)):
-        kind = wing_type({"base": base}, Place("", "", Problems()), library)
-        fit = drape._Fit(kind, shoulder, 0.5, body, 0.0)
-        ends = [fit.placed(np.array([60.0, 0, 10, far, 0, 0, 0]))[0] for far in (0.0, 180.0)]
-        assert [each.shoulder[1] for each in ends] == [put - 18.0, put + 22.0]
+def test_tips_of_folded_wings_are_as_far_apart_as_their_type_says(bird):
+    body = Body(bird.skin, np.eye(3), np.array([-0.134, 0.0, 0.138]))
+    kind = wing_type({"base": "pigeon"}, Place("", "", Problems()), Library((), Problems()))
+    longest, lengths = max(kind.primaries.lengths), np.array([0.045, 0.053, 0.058])
+    for gap in (0.0, 0.06):
+        shoulder = np.array([0.04, -0.042, 0.205])
+        own, sheet = drape.lie_on(replace(kind, tip_gap=gap), shoulder, 1.0, body, 0.0)
+        bones = folded(own, shoulder, lengths, body.axes, False, 1.0)
+        shafts = lying(own, bones, 1.0, sheet)[:, 1:]
+        farthest = np.argmax(np.linalg.norm(shafts[:, -1] - shafts[:, 0], axis=1))
+        assert -shafts[farthest, -1, 1] == pytest.approx(gap * longest, abs=0.02 * longest)
 
 
 @pytest.mark.usefixtures("wings_as_typed")

@@ -200,13 +200,9 @@ def _lying(wings: list[dict[str, Any]], body: Body) -> list[dict[str, Any]]:
     shoulder = np.array(right["shoulder"])
     rows = right["type"].coverts if right["below"] else ()
     below = right["scale"] * sum(row.gap for row in rows if row.side == "below")
-    kind, place = lie_on(right["type"], shoulder, right["scale"], body, below)
-    shift = place - shoulder
-    mirrored = shift - 2.0 * (shift @ body.axes[:, 1]) * body.axes[:, 1]
-    return [
-        wing | {"type": kind, "shoulder": tuple(np.array(wing["shoulder"]) + way)}
-        for wing, way in zip(wings, (shift, mirrored), strict=True)
-    ]
+    kind, sheet = lie_on(right["type"], shoulder, right["scale"], body, below)
+    sheets = sheet, sheet.mirrored(body.middle, body.axes[:, 1])
+    return [wing | {"type": kind, "sheet": own} for wing, own in zip(wings, sheets, strict=True)]
 
 
 def _beneath(wing: dict[str, Any], body: Body) -> Beneath:
@@ -214,7 +210,8 @@ def _beneath(wing: dict[str, Any], body: Body) -> Beneath:
     if wing["fold"] is None:
         return Beneath(*np.zeros((3, 0, 3)))
     left = wing["side"] == "left"
-    return beneath(wing["type"], np.array(wing["shoulder"]), wing["scale"], body, left)
+    place, sheet = np.array(wing["shoulder"]), wing.get("sheet")
+    return beneath(wing["type"], place, wing["scale"], body, left, sheet)
 
 
 def _lower(front: Array, up: Array) -> Array:

@@ -1,37 +1,40 @@
-"""Fit of a folded wing to a body: close to it all over, with its upper edge on the back.
+"""A folded wing over a body: its plan comes to the middle of the back, on a sheet off the skin.
 
-The wing stays what it is in its plane. Where the plane stands, how it leans and how far it bends is
-found by least squares over points of its flight feathers (Nelder and Mead 1965).
+Tertials, secondaries and the hand lie on each other in the plan. Where that goes follows from where
+its inner edge and the tip of its longest primary shall be; the bones go along with the feathers.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import count
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.algebra.types import Array
-from featherfx.files.disk_cache import kept
 from featherfx.groom.anatomy.pose import folded
-from featherfx.groom.anatomy.remiges import Flight, curvature_of, lying
+from featherfx.groom.anatomy.remiges import (
+    Remiges,
+    frames_at,
+    lying,
+    plan_axes,
+    remiges_of,
+)
+from featherfx.groom.anatomy.sheet import Sheet, envelope_of, nearest_sheet
 from featherfx.groom.keys.anatomy import WingType
 from featherfx.groom.skin.field import search_tree
-from featherfx.phases import phase
 
-_ALONG = np.linspace(0.0, 1.0, 6)  # of shafts, where they are held against the body
-_WEIGHTS = np.array([3.0, 1.5, 1.0, 1.0, 1.0, 2.0, 2.0])  # of leading edge and these
-_NEAR = 0.06  # of it, up to which a wing leaves no room for feathers below
-_EDGE = 0.16  # of a feather's length, from its shaft to the edge of its inner vane
-# deg, allowed: roof, tuck, bow, beyond which vanes part, shoulder and camber beyond the type's
-_BOUNDS = ((25.0, 95.0), (-15.0, 30.0), (0.0, 25.0), (-18.0, 22.0), (0.0, 12.0))
-_STEPS, _STARTS = 250, 3
-_APART = 0.9  # tenths of the longest feather, from the middle of the back to either wing
-_ASIDE, _ABOVE = 0.7, 0.5  # tenths, from the plane of symmetry, and over the tail behind its root
+_ALONG = np.linspace(0.0, 1.0, 6)  # of shafts, places that are told
+_NEAREST = 7.0  # percentile of places of shafts that are as near as the clearance
+_NEAR = 0.06  # of the longest feather, up to which a wing leaves no room for feathers below
+_INNER = np.array([0.25, 0.5, 0.7, 0.85])  # of a shaft, beside which its inner edge is told
+_AHEAD = 0.03  # of the longest feather, of a folded shoulder before its landmark; by eye
+_EDGE = 0.2  # of a feather's length, from its shaft to the edge of its inner vane
+_MAX_ANGLE = 40.0  # deg, by which the plan is turned on its sheet
+_TRIES = 8  # in which its ends come to where they shall be, half of the way each
 _OUTWARDS = 65  # places that are asked on a way out of a body
-_MOVED = 0.3  # weight of ways from the landmark, against gaps
 
 
 @dataclass(frozen=True)
@@ -75,47 +78,97 @@ class Body:
 
 def lie_on(
     kind: WingType, shoulder: Array, scale: float, body: Body, below: float
-) -> tuple[WingType, Array]:
-    """The type as its right folded wing lies on a body, and where its shoulder (3,) m is then.
+) -> tuple[WingType, Sheet]:
+    """The type as its right folded wing lies on a body, and the sheet that bears it.
 
     below: m, that coverts below its flight feathers take up.
     """
-    fit = _Fit(kind, shoulder, scale, body, below)
-    inputs = [replace(kind, bands=()), shoulder, scale, body.corners, body.axes, body.middle, below]
-    found = kept("lie", inputs, lambda: {"values": _best(fit)})
-    return fit.placed(found["values"])[:2]
+    lengths = scale * np.array([kind.humerus, kind.forearm, kind.hand])
+    bones = folded(kind, shoulder, lengths, body.axes, False, 1.0)
+    remiges, longest = remiges_of(kind, bones, scale), scale * max(kind.primaries.lengths)
+    shafts = frames_at(bones, remiges.angles)[:, :, 0]
+    axes, origin = plan_axes(bones, remiges, shafts), remiges.roots[0]
+    roots, ways = (remiges.roots - origin) @ axes, shafts @ axes
+    clearance = below + kind.body_clearance * longest
+    trunk = envelope_of(body.corners, body.axes, body.middle, shoulder, clearance)
+    hinge = (shoulder - origin) @ axes
+    plan = roots[:, None] + np.multiply.outer(remiges.lengths, _ALONG)[:, :, None] * ways[:, None]
+    plan = plan.reshape(-1, 3)[:, :2]
+    edges, tip = _ends(remiges, roots, ways)
+    wanted = longest * np.array([kind.back_gap, kind.tip_gap])
+    aside = wanted.copy()
+    for _ in range(_TRIES):
+        v, angle = _place(edges, tip, aside)
+        u = np.sin(angle) * hinge[1] - np.cos(angle) * hinge[0] - _AHEAD * longest
+        sheet, start = nearest_sheet(trunk, plan, np.array([u, v]), angle)
+        for _ in range(_TRIES):
+            sheet = _settled(sheet, plan + start, body, clearance)
+        ends = sheet.places(np.vstack([edges, tip]) + start)[0]
+        away = (body.middle - ends) @ body.axes[:, 1]
+        aside += 0.5 * (wanted - (away[:-1].min(), away[-1]))
+    # the plane of the bones goes along with its feathers
+    camber = float(np.degrees(sheet.curvature * longest))
+    hung = _hung(replace(kind, camber=camber), sheet.axes @ axes.T @ bones.frames[0], body.axes)
+    place = sheet.origin + sheet.axes @ (hinge + np.append(start, 0.0))
+    return hung, replace(sheet, shift=place - shoulder)
 
 
-def _best(fit: _Fit) -> Array:
-    """(7,) values of `placed` that cost least."""
-    from scipy.optimize import minimize
-
-    kind = fit.kind
-    found = np.array([60.0, kind.tuck[1], 20.0, kind.shoulder[1], 10.0, 0.0, 0.0])
-    tried = count(1)
-    with phase("fitting", _STARTS * _STEPS) as done:
-
-        def cost(values: Array) -> float:
-            value = fit.cost(values)
-            done(next(tried))
-            return value
-
-        for _ in range(_STARTS):  # a simplex that has gone flat is put up again
-            steps = np.vstack([found, found + np.diag([-15.0, 6.0, -8.0, -5.0, 8.0, 1.0, 0.7])])
-            options = {"initial_simplex": steps, "maxfev": _STEPS, "xatol": 0.1, "fatol": 1e-4}
-            found = minimize(cost, found, method="Nelder-Mead", options=options).x
-    return np.asarray(found)
+def _settled(sheet: Sheet, plan: Array, body: Body, clearance: float) -> Sheet:
+    """A sheet lifted and pitched until both halves of a plan (N, 2) m come as near as a clearance,
+    m."""
+    gaps, x = body.gaps(sheet.places(plan)[0]), plan[:, 0]
+    ahead = x < np.median(x)
+    front, rear = (clearance - np.percentile(gaps[own], _NEAREST) for own in (ahead, ~ahead))
+    middle = x[ahead].mean(), x[~ahead].mean()
+    pitch = (rear - front) / (middle[1] - middle[0])
+    turn = from_rotation_vector(np.array([0.0, -pitch, 0.0]))
+    lift = (front - pitch * middle[0]) * sheet.axes[:, 2]
+    return replace(sheet, origin=sheet.origin + lift, axes=sheet.axes @ turn)
 
 
-def _shafts(kind: WingType, scale: float, flight: Flight) -> Array:
-    """(N, K, 3) m, of each feather a point of the leading edge, then some along its shaft, all on
-    one arc."""
-    ways = np.column_stack([-flight.forward, np.outer(flight.lengths, _ALONG)])
-    turned = curvature_of(kind, scale) * ways
-    forward = ways * np.sinc(turned / np.pi)
-    down = 0.5 * ways * turned * np.sinc(0.5 * turned / np.pi) ** 2
-    points = forward[:, :, None] * flight.frames[:, None, :, 0]
-    return flight.roots[:, None] + points - down[:, :, None] * flight.frames[:, None, :, 2]
+def _ends(remiges: Remiges, roots: Array, ways: Array) -> tuple[Array, Array]:
+    """(K, 2) m, places of the inner vanes of a folded arm, and (2,) m, the tip of the longest
+    primary. roots, ways: (N, 3) in the plan."""
+    inner = np.stack([ways[:, 1], -ways[:, 0]], axis=1)
+    stations = _INNER[:, None] * ways[:, None, :2] + _EDGE * inner[:, None]
+    edges = roots[:, None, :2] + remiges.lengths[:, None, None] * stations
+    tips = roots + remiges.lengths[:, None] * ways
+    return edges[remiges.bone < 2].reshape(-1, 2), tips[remiges.lengths.argmax(), :2]
+
+
+def _place(edges: Array, tip: Array, aside: Array) -> tuple[float, float]:
+    """Where the plan of a wing goes on its sheet: v (m) of its origin, and its turn, rad.
+
+    aside: (2,) m, v of the innermost of edges (K, 2) and of the tip (2,).
+    """
+
+    def apart(angle: float) -> float:
+        lean = np.array([np.sin(angle), np.cos(angle)])
+        return float(tip @ lean - (edges @ lean).min() - (aside[1] - aside[0]))
+
+    low, high = np.radians(-_MAX_ANGLE), np.radians(_MAX_ANGLE)
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if apart(middle) > 0.0 else (middle, high)
+    lean = np.array([np.sin(low), np.cos(low)])
+    return float(aside[0] - (edges @ lean).min()), float(low)
+
+
+def _hung(kind: WingType, arm: Array, axes: Array) -> WingType:
+    """The type with the folded upper arm of the right wing in a frame (3, 3). axes: (3, 3)."""
+    forward, sideways, up = arm[:, 2] @ axes
+    roof = np.arctan2(np.hypot(forward, sideways), up)
+    tuck = np.arctan2(-forward, -sideways)
+    ahead = np.cos(tuck) * axes[:, 0] - np.sin(tuck) * axes[:, 1]
+    outwards = np.cross(ahead, arm[:, 2])
+    back = np.arctan2(-arm[:, 0] @ ahead, arm[:, 0] @ outwards)
+    roof, tuck, back = np.degrees([roof, tuck, back]).tolist()
+    return replace(
+        kind,
+        roof=(kind.roof[0], roof),
+        tuck=(kind.tuck[0], tuck),
+        shoulder=(kind.shoulder[0], back),
+    )
 
 
 class Beneath(NamedTuple):
@@ -127,11 +180,13 @@ class Beneath(NamedTuple):
     low: Array
 
 
-def beneath(kind: WingType, shoulder: Array, scale: float, body: Body, left: bool) -> Beneath:
+def beneath(
+    kind: WingType, shoulder: Array, scale: float, body: Body, left: bool, sheet: Sheet | None
+) -> Beneath:
     """Find the part of a body that a folded wing hides, by places of it."""
     lengths = scale * np.array([kind.humerus, kind.forearm, kind.hand])
     bones = folded(kind, shoulder, lengths, body.axes, left, 1.0)
-    points = _shafts(kind, scale, lying(kind, bones, scale))
+    points = lying(kind, bones, scale, sheet)
     arm = len(points) - kind.primaries.count
     near = _NEAR * scale * max(kind.primaries.lengths)
 
@@ -142,72 +197,3 @@ def beneath(kind: WingType, shoulder: Array, scale: float, body: Body, left: boo
     some = slice(len(points) // 8, len(points) // 2, 3)
     low = points[[arm - 1, len(points) - 1], 1:6]
     return Beneath(close(points[some, 2:5], near), points[:arm, 0], close(low, 2.0 * near))
-
-
-@dataclass(frozen=True)
-class _Fit:
-    kind: WingType
-    shoulder: Array
-    scale: float
-    body: Body
-    below: float
-
-    @property
-    def longest(self) -> float:
-        return self.scale * max(self.kind.primaries.lengths)
-
-    def placed(self, values: Array) -> tuple[WingType, Array, Array, Array]:
-        """Type, shoulder, points (N, 3) m of the wing's shafts and of its upper edge (K, 3) m.
-
-        values: (7,) roof, tuck, bow, shoulder and added camber, deg, and the ways down and back
-        from the landmark, in tenths of the longest feather.
-        """
-        put = np.array([0.0, 0.0, 0.0, self.kind.shoulder[1], 0.0])
-        least, most = np.array(_BOUNDS).T + put
-        roof, tuck, bow, back, camber = np.clip(values[:5], least, most).tolist()
-        kind = replace(
-            self.kind,
-            roof=(self.kind.roof[0], roof),
-            tuck=(self.kind.tuck[0], tuck),
-            shoulder=(self.kind.shoulder[0], back),
-            bow=bow,
-            camber=self.kind.camber + camber,
-        )
-        lengths = self.scale * np.array([kind.humerus, kind.forearm, kind.hand])
-        bones = folded(kind, self.shoulder, lengths, self.body.axes, False, 1.0)
-        flight = lying(kind, bones, self.scale)
-        roots, frames, sizes = flight.roots, flight.frames, flight.lengths
-        dorsal = bones.frames[1][:, 2]
-        across = np.cross(dorsal, frames[0, :, 0])
-        across = across if (roots[-1] - roots[0]) @ across > 0.0 else -across
-        aft = frames[0, :, 0] - frames[0, :, 0] @ dorsal * dorsal
-        shift = 0.1 * self.longest * (values[5] * across + values[6] * aft)
-        points = _shafts(kind, self.scale, flight)
-        for _ in range(8):
-            gap = self.body.gaps((points + shift).reshape(-1, 3)).min()
-            shift = shift + (self.below + kind.body_clearance * self.longest - gap) * dorsal
-        outwards = frames[:, :, 1] * np.sign(frames[:, :, 1] @ across)[:, None]
-        points = points + shift
-        inner = points - _EDGE * (sizes[:, None] * outwards)[:, None]
-        upper = inner[: max(kind.tertials.count, 1), 2:6]  # of the feathers on the back
-        return kind, self.shoulder + shift, points.reshape(-1, 3), upper.reshape(-1, 3)
-
-    def cost(self, values: Array) -> float:
-        kind, shoulder, points, upper = self.placed(values)
-        size = 0.1 * self.longest
-        gaps = self.body.gaps(points) / size
-        # the back shows between both wings, of which this is the right one
-        aside = ((upper - self.body.middle) @ self.body.axes[:, 1]).mean() / size + _APART
-        put = [kind.roof[1], kind.tuck[1], kind.bow, kind.shoulder[1]]
-        outside = values[:5] - [*put, kind.camber - self.kind.camber]
-        ahead, inwards, up = ((points - self.body.middle) @ self.body.axes / size).T
-        astray = np.maximum(inwards + _ASIDE, 0.0)
-        sunk = np.clip(-ahead, 0.0, 1.0) * np.maximum(_ABOVE - up, 0.0)
-        moved = np.linalg.norm(shoulder - self.shoulder) / size
-        return float(
-            np.average(gaps**2, weights=np.tile(_WEIGHTS, len(gaps) // len(_WEIGHTS)))
-            + aside**2
-            + np.sum(astray**2 + sunk**2)
-            + _MOVED * moved**2
-            + 0.01 * outside @ outside
-        )

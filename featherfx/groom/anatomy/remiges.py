@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from featherfx.algebra.rotation import frames_from
 from featherfx.algebra.types import Array, Indices
-from featherfx.groom.anatomy.bow import Bow, bow_of
 from featherfx.groom.anatomy.pose import WingBones, spread_plan
+from featherfx.groom.anatomy.sheet import Sheet
 from featherfx.groom.keys.anatomy import CovertRow, WingType
 
 REMEX_ROWS = ("tertials", "secondaries", "primaries")  # from the body outwards, and the bones below
 # of the upper arm, from the elbow inwards, that tertials stand on; of the hand, primaries
 _TERTIALS, _PRIMARIES = (0.04, 0.55), (0.03, 0.98)
-_SHUT_ROLL = 1.4  # deg, that vanes of a shut wing are lifted farther, so that fewer cross
+_SHUT_ROLL, _SHUT_LIFT = 1.2, 1.4  # deg, and factor: so that fewer vanes of a shut wing cross
 # of a shut wing, by eye: place from which on coverts lie like a coat, and their gap against open
-_LOOSE, _SHUT_GAP = 0.4, 0.65
+_LOOSE, _SHUT_GAP = 0.4, 1.0
+_ALONG = np.linspace(0.0, 1.0, 6)  # of shafts, places that are told
 _FRONT = 0.7  # from which place on there are none, where they would stand off the breast; by eye
+_FLATTEST = 1e-6  # rad, so that vanes are as flat as a sheet without a bow
+_PARALLEL = 1.0  # deg, between the innermost feather of a shut arm and the outermost
+_HAND_INWARDS = 2.0  # deg, by which its primaries point in less than its secondaries; by eye
 _HAND_ASIDE = 5.0  # deg, of the hand of a shut wing against its outermost primary; by eye
 
 
@@ -136,10 +139,12 @@ def curvature_of(kind: WingType, scale: float) -> float:
 def shut(kind: WingType) -> WingType:
     """The type as a wing shows it that stays folded: the hand under the secondaries, as nearly
     along its primaries as quills have room, and without what these hide."""
-    turned = kind.outermost[1] - _HAND_ASIDE
+    turned = kind.outermost[1] - _HAND_ASIDE + _HAND_INWARDS
     return replace(
         kind,
         roll=kind.roll + _SHUT_ROLL,
+        lift=_SHUT_LIFT * kind.lift,
+        innermost=(kind.innermost[0], kind.middle[1] - _PARALLEL),
         wrist=(kind.wrist[0], kind.wrist[1] - turned),
         outermost=(kind.outermost[0], _HAND_ASIDE),
         alula=replace(kind.alula, count=0),
@@ -159,35 +164,44 @@ def _lying_close(row: CovertRow) -> CovertRow:
     return replace(row, hand=0.0, loose=True, gap=_SHUT_GAP * row.gap)
 
 
-class Flight(NamedTuple):
-    """Flight feathers as they lie, from the innermost outwards. roots: (N, 3) m. frames: (N, 3, 3).
-    lengths, forward: (N,) m, as of `Remiges`."""
-
-    roots: Array
-    frames: Array
-    lengths: Array
-    forward: Array
-
-
-def lying(kind: WingType, bones: WingBones, scale: float) -> Flight:
-    """Those of a folded wing of bones, bent as its type says."""
+def lying(kind: WingType, bones: WingBones, scale: float, sheet: Sheet | None) -> Array:
+    """(N, K, 3) m, of each feather of a folded wing of bones a point of the leading edge, then some
+    along its shaft, from the innermost outwards. sheet: that it lies on; None: that of its type."""
     remiges = remiges_of(kind, bones, scale)
-    frames, roots = frames_at(bones, remiges.angles), remiges.roots
-    roots = roots - scale * kind.lift * depths(remiges)[:, None] * frames[:, :, 2]
-    bow = bow_folded(kind, bones, remiges, scale)
-    if bow is not None:
-        ways = bow.ways(roots, frames, remiges.lengths)
-        turns, shifts = bow.motions(ways, remiges.roots)
-        frames, roots = turns @ frames, np.einsum("nij,nj->ni", turns, roots) + shifts
-    return Flight(roots, frames, remiges.lengths, remiges.forward)
+    sheet = sheet or sheet_of(kind, bones, remiges, scale)
+    frames = frames_at(bones, remiges.angles)
+    roots = remiges.roots - scale * kind.lift * depths(remiges)[:, None] * frames[:, :, 2]
+    ways = np.column_stack([-remiges.forward, np.outer(remiges.lengths, _ALONG)])
+    points = roots[:, None] + ways[:, :, None] * frames[:, None, :, 0]
+    if sheet is None:
+        return points
+    plan = sheet.plan(points.reshape(-1, 3))
+    laid, over = sheet.places(plan[:, :2])
+    return np.asarray((laid + plan[:, 2:] * over[:, :, 2]).reshape(points.shape))
 
 
-def bow_folded(kind: WingType, bones: WingBones, remiges: Remiges, scale: float) -> Bow | None:
-    """bones: folded."""
-    shafts, arm = frames_at(bones, remiges.angles)[:, :, 0], remiges.bone < 2
-    middles = remiges.roots + 0.5 * remiges.lengths[:, None] * shafts
-    dorsal, curvature = bones.frames[1][:, 2], curvature_of(kind, scale)
-    return bow_of(middles[arm], shafts[arm], dorsal, kind.bow, curvature)
+def plan_axes(bones: WingBones, remiges: Remiges, shafts: Array) -> Array:
+    """(3, 3) columns along the shafts (N, 3) of a folded arm, across to its outer feathers, and
+    dorsal."""
+    arm = remiges.bone < 2
+    dorsal, along = bones.frames[1][:, 2], shafts[arm].sum(axis=0)
+    along = along / np.linalg.norm(along)
+    across = bones.turn * np.cross(along, dorsal)
+    return np.stack([along, across, dorsal], axis=1)
+
+
+def sheet_of(kind: WingType, bones: WingBones, remiges: Remiges, scale: float) -> Sheet | None:
+    """The sheet of a folded wing without a body; None for a flat one."""
+    arm, curvature = remiges.bone < 2, curvature_of(kind, scale)
+    if arm.sum() < 2 or (kind.bow == 0.0 and curvature == 0.0):
+        return None
+    shafts = frames_at(bones, remiges.angles)[:, :, 0]
+    axes = plan_axes(bones, remiges, shafts)
+    middles = (remiges.roots + 0.5 * remiges.lengths[:, None] * shafts)[arm]
+    half = 0.5 * float((middles[-1] - middles[0]) @ axes[:, 1])
+    origin = middles[0] + half * axes[:, 1]
+    bend = 0.5 * max(math.radians(kind.bow), _FLATTEST) / half
+    return Sheet(origin, axes, bend, half, curvature, np.zeros(3))
 
 
 def depths(remiges: Remiges) -> Array:

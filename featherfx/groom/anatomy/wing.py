@@ -17,24 +17,24 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.rotation import from_rotation_vector, motions
+from featherfx.algebra.rotation import from_rotation_vector, motions, screws_of
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import unit
 from featherfx.errors import InputWarning, all_of, count_feathers
 from featherfx.groom.anatomy.bands import MAX_SLANT, FoldedRow, marks_of
-from featherfx.groom.anatomy.bow import Bow, wrapped
 from featherfx.groom.anatomy.pose import WingBones, as_placed, folded
 from featherfx.groom.anatomy.remiges import (
     REMEX_ROWS,
     Remiges,
     along,
-    bow_folded,
     curvature_of,
     depths,
     frames_at,
     remiges_of,
+    sheet_of,
     spread_evenly,
 )
+from featherfx.groom.anatomy.sheet import Sheet
 from featherfx.groom.frames import bow_fraction
 from featherfx.groom.keys.anatomy import CovertRow, FlightRow, WingBand, WingType
 from featherfx.groom.keys.problems import Place, Problems
@@ -42,7 +42,7 @@ from featherfx.groom.looks import Pattern
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.read.drafts import Draft
-from featherfx.groom.types import Joint, Turning
+from featherfx.groom.types import FeatherKind, Joint, Turning
 
 _BONES = ("shoulder", "elbow", "wrist")
 _SINGULAR = {"tertials": "tertial", "secondaries": "secondary", "primaries": "primary"}
@@ -55,7 +55,7 @@ class _Closed(NamedTuple):
 
     wing: _Wing
     remiges: Remiges
-    bow: Bow
+    sheet: Sheet
 
 
 @dataclass(frozen=True)
@@ -111,8 +111,8 @@ def _shut(wing: _Wing, axes: Array) -> tuple[_Wing, Remiges]:
 
 def _closed(wing: _Wing, axes: Array) -> _Closed | None:
     shut, remiges = _shut(wing, axes)
-    bow = bow_folded(wing.kind, shut.bones, remiges, wing.scale)
-    return None if bow is None else _Closed(shut, remiges, bow)
+    sheet = wing.entry.get("sheet") or sheet_of(wing.kind, shut.bones, remiges, wing.scale)
+    return None if sheet is None else _Closed(shut, remiges, sheet)
 
 
 def _marks(
@@ -357,17 +357,17 @@ def _feathers(wing: _Wing, remiges: Remiges, row: _Row) -> Iterator[Draft]:
     bows: Sequence[Array | None] = [None] * len(row.own)
     wraps = np.zeros((len(row.own), 2))
     if closed is not None:
-        shut = _in_plane(closed.wing, closed.remiges, row)
-        ways = closed.bow.ways(*shut, row.lengths)
-        screws = closed.bow.screws(ways, closed.remiges.roots[row.own])
+        plane = _in_plane(closed.wing, closed.remiges, row)
+        points, frames, within = _on_sheet(closed, row)
+        screws = screws_between(plane, (points, frames))
         screws = wing.bones.from_forearm(closed.wing.bones, screws)
         bows = list(screws)
         fraction = float(bow_fraction(wing.bones.fold[2]))
         turns, shifts = motions(fraction * screws)
         positions = np.einsum("nij,nj->ni", turns, positions) + shifts
         rotations = turns @ rotations
-        inside = wrapped(kind, row.width * row.lengths, closed.bow.edge - ways)
-        wraps = fraction / closed.bow.radius * row.lengths[:, None] * inside
+        inside = _inside(kind, row.width * row.lengths, within)
+        wraps = fraction * closed.sheet.bend * row.lengths[:, None] * inside
     for k, remex in enumerate(row.own):
         length = float(row.lengths[k])
         yield Draft(
@@ -393,6 +393,32 @@ def _feathers(wing: _Wing, remiges: Remiges, row: _Row) -> Iterator[Draft]:
                 bow=bows[k],
             ),
         )
+
+
+def _on_sheet(closed: _Closed, row: _Row) -> tuple[Array, Array, Array]:
+    """A row of a folded wing before rolls, as of `Sheet.lay`."""
+    remiges, wing = closed.remiges, closed.wing
+    frames = frames_at(wing.bones, remiges.angles[row.own])
+    heights = row.height - wing.scale * wing.kind.lift * depths(remiges)[row.own]
+    shift = heights[:, None] * frames[:, :, 2] - row.forward[:, None] * frames[:, :, 0]
+    roots = remiges.roots[row.own] + shift
+    return closed.sheet.lay(roots, frames[:, :, 0], row.lengths)
+
+
+def _inside(kind: FeatherKind, sizes: Array, within: Array) -> Array:
+    """(n, 2) share of the leading and of the trailing vane that lies inwards of a sheet's edge.
+
+    sizes: (n,) m, factors of the outlines' widths. within: (n,) m, from the shaft outwards to the
+    edge.
+    """
+    widest = [max(y for _, y in vane.outline) for vane in (kind.leading, kind.trailing)]
+    return np.clip(within[:, None] / np.outer(sizes, widest) + (0.0, 1.0), 0.0, 1.0)
+
+
+def screws_between(first: tuple[Array, Array], last: tuple[Array, Array]) -> Array:
+    """(n, 6) screws that take roots (n, 3) m and frames (n, 3, 3) to others."""
+    turns = last[1] @ first[1].swapaxes(1, 2)
+    return screws_of(turns, last[0] - np.einsum("nij,nj->ni", turns, first[0]))
 
 
 def _in_plane(wing: _Wing, remiges: Remiges, row: _Row) -> tuple[Array, Array]:

@@ -137,6 +137,16 @@ class WingType:
         Number(0, 150, "deg"),
         "How far the folded wing bends round the body, from its innermost feather to the wrist.",
     ] = 0.0
+    back_gap: Annotated[
+        float,
+        Number(-0.5, 1),
+        "Of the longest feather: from the middle of the back to a folded wing; 0: both meet.",
+    ] = 0.0
+    tip_gap: Annotated[
+        float,
+        Number(-0.5, 1),
+        "The same from the middle of the tail to the tip of the longest primary.",
+    ] = 0.12
     body_clearance: Annotated[
         float,
         Number(0, 1),
