@@ -16,6 +16,7 @@ squeezed or folded (docs/barb_grid.md compares three ways).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
@@ -133,9 +134,27 @@ def trace_barbs(
     if vane.rounded_base > 0.0:
         begin = max(vane.outline[0][0], 0.0)
         arc_length = arc_length * opening((x / vane_length - begin) / vane.rounded_base)
+    if vane.wrap:
+        angles[2] = _wrapped(kind, vane.wrap, rachis.station, arc_length, chord_angle)
     kept = (x >= 0.0) & ~backward & (arc_length >= _MIN_BARB_LENGTH * kind.length)
     barbs = _place(shapes, np.where(kept, arc_length, 0.0), x, turning, columns)
     return barbs, messages + _bulges(barbs, curve, x / vane_length, kind.length)
+
+
+def _wrapped(kind: FeatherKind, wrap: float, station: Array, length: Array, way: Array) -> Array:
+    """(n,) rad, camber of barbs that lie on a surface of revolution, whose profile is the rachis.
+
+    wrap: as of VaneShape, where the middle of the rachis touches it. station, length: (n,) m, of
+    roots and barbs. way: (n,) rad, of their chords. A barb follows the normal curvature in its
+    direction (Meusnier); `_place` adds the part along the rachis.
+    """
+    # bent most by its first half: its mean lever is a third of it
+    middle = (station + length * np.cos(way) / 3.0) / kind.length - 0.5
+    arch = math.radians(kind.rachis.camber)
+    turned = arch * middle
+    sunk = 0.5 * turned * middle * np.sinc(0.5 * turned / np.pi) ** 2
+    across = wrap * np.cos(turned) / (1.0 - wrap * sunk)
+    return np.asarray(across * length / kind.length * np.sin(way) ** 2)
 
 
 def _splay(

@@ -196,7 +196,8 @@ class VaneShape:
     """One vane at rest, on the flattened feather (before camber, sweep and twist of the rachis).
 
     guides: at least one where there is an outline. What is made in code has the square ends that
-    its outline has; files round them unless they say otherwise.
+    its outline has; files round them unless they say otherwise. wrap: length of the feather over
+    the radius of a sheet across it that barbs lie on, in place of their camber; 0: none.
     """
 
     outline: Annotated[
@@ -227,6 +228,7 @@ class VaneShape:
     ] = 0.0
     hooked: Annotated[Hooked, "How much of the vane is hooked together.", Default({})] = Hooked()
     splits: Annotated[Splits, "What of the vane is split from the start.", Default({})] = Splits()
+    wrap: float = 0.0
 
     @property
     def is_split(self) -> bool:

@@ -291,8 +291,7 @@ class Change(NamedTuple):
     scale: factor of the size; materials follow the kind's `scaling`. width: factor of the vanes'
     widths. camber, sweep: deg, added to the shaft's. course: in place of its own, where not None.
     hollow: deg, added to the camber of all barbs.
-    wrap: of the leading and the trailing vane, what their barbs are bent to, not added: length of
-    the kind over the radius of a cylinder along the shaft; 0 leaves them. stiffness, weight:
+    wrap: of the leading and the trailing vane, as of VaneShape; 0 leaves them. stiffness, weight:
     factors of all stiffnesses and all masses. patterns: of the splits that the leading and the
     trailing vane draw. angle: deg, added to all barb angles. across, along, thickness: factors of
     the vane's figures.
@@ -338,8 +337,8 @@ def adjusted(kind: FeatherKind, change: Change) -> FeatherKind:
 
 def _reshaped(vane: VaneShape, change: Change, side: int) -> VaneShape:
     pattern = change.patterns[side]
-    turned = _hollowed(_widened(vane, change.width), change.hollow, change.angle)
-    vane = _wrapped(turned, change.wrap[side])
+    vane = _hollowed(_widened(vane, change.width), change.hollow, change.angle)
+    vane = replace(vane, wrap=change.wrap[side]) if change.wrap[side] else vane
     if pattern == vane.splits.pattern or pattern == 0:
         return vane
     return replace(vane, splits=replace(vane.splits, pattern=pattern))
@@ -353,21 +352,6 @@ def _hollowed(vane: VaneShape, hollow: float, angle: float) -> VaneShape:
         for guide in vane.guides
     )
     return replace(vane, guides=guides)
-
-
-def _wrapped(vane: VaneShape, wrap: float) -> VaneShape:
-    if wrap == 0.0:
-        return vane
-    places, widths = zip(*vane.outline, strict=True)
-    guides = []
-    for guide in vane.guides:
-        angle = np.radians(chord_angle(guide))
-        width = 0.0
-        for _ in range(4):  # out to where the barb meets the outline; ends have no barbs
-            end = guide.position + width / np.tan(angle)
-            width = float(np.interp(np.clip(end, 0.05, 0.98), places, widths))
-        guides.append(replace(guide, camber=float(np.degrees(wrap * width * np.sin(angle)))))
-    return replace(vane, guides=tuple(guides))
 
 
 def _widened(vane: VaneShape, width: float) -> VaneShape:
