@@ -95,6 +95,8 @@ def _cells(kind: FeatherKind, side: int, rachis: Rachis, barbs: Barbs) -> _Cells
     grown = barbs.arc_length > 0.0
     fan = grown[1:] != grown[:-1]
     exists[fan & (folded | folded_flat)] = False
+    if (kind.leading if side == LEADING else kind.trailing).wrap:
+        exists[grown[1:] & ~grown[:-1]] = False  # a fan spans a hollow base as a chord
     return _Cells(nodes, exists, folded_flat & ~fan, folded & ~fan)
 
 
