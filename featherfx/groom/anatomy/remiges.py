@@ -16,7 +16,6 @@ from featherfx.groom.keys.anatomy import CovertRow, WingType
 REMEX_ROWS = ("tertials", "secondaries", "primaries")  # from the body outwards, and the bones below
 # of the upper arm, from the elbow inwards, that tertials stand on; of the hand, primaries
 _TERTIALS, _PRIMARIES = (0.04, 0.55), (0.03, 0.98)
-_SHUT_ROLL = 1.2  # deg, so that fewer vanes of a shut wing cross
 # of a shut wing, by eye: place from which on coverts lie like a coat, and their gap against open
 _LOOSE, _SHUT_GAP = 0.4, 1.0
 _ALONG = np.linspace(0.0, 1.0, 6)  # of shafts, places that are told
@@ -142,7 +141,6 @@ def shut(kind: WingType) -> WingType:
     turned = kind.outermost[1] - _HAND_ASIDE + _HAND_INWARDS
     return replace(
         kind,
-        roll=kind.roll + _SHUT_ROLL,
         innermost=(kind.innermost[0], kind.middle[1] - _PARALLEL),
         wrist=(kind.wrist[0], kind.wrist[1] - turned),
         outermost=(kind.outermost[0], _HAND_ASIDE),

@@ -322,6 +322,7 @@ def adjusted(kind: FeatherKind, change: Change) -> FeatherKind:
         diameter_tip=kind.rachis.diameter_tip * scale,
         camber=kind.rachis.camber + change.camber,
         sweep=kind.rachis.sweep + change.sweep,
+        twist=kind.rachis.twist + 0.25 * kind.rachis.sweep * sum(change.wrap),
         course=kind.rachis.course if change.course is None else change.course,
     )
     shaped = replace(
