@@ -114,11 +114,14 @@ def lie_on(
 
 
 def _settled(sheet: Sheet, plan: Array, body: Body, clearance: float) -> Sheet:
-    """A sheet lifted and pitched until both halves of a plan (N, 2) m come as near as a clearance,
+    """A sheet lifted and pitched so that both halves of a plan (N, 2) m come nearer to a clearance,
     m."""
     gaps, x = body.gaps(sheet.places(plan)[0]), plan[:, 0]
     ahead = x < np.median(x)
-    front, rear = (clearance - np.percentile(gaps[own], _NEAREST) for own in (ahead, ~ahead))
+    # half of the way, since tips move more than the middle of the rear
+    front, rear = (
+        0.5 * (clearance - np.percentile(gaps[own], _NEAREST)) for own in (ahead, ~ahead)
+    )
     middle = x[ahead].mean(), x[~ahead].mean()
     pitch = (rear - front) / (middle[1] - middle[0])
     turn = from_rotation_vector(np.array([0.0, -pitch, 0.0]))
