@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from featherfx.groom.course import chord_angle
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import expected
 from featherfx.groom.looks import SHADING, BarbLook, Colour, Pattern
