@@ -18,6 +18,7 @@ from featherfx.feather.outline import (
     ray_lengths,
 )
 from featherfx.feather.types import LEADING, TRAILING
+from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import BarbGuide, VaneShape
 
 FLAT = {"camber": 0.0, "sweep": 0.0, "twist": 0.0}
@@ -125,6 +126,30 @@ def test_barb_camber_turns_both_vanes_towards_ventral():
         ends = feather.rest.nodes[4:12, (side + 1) * 6]
         length = feather.barb_length[side, 4:12]
         np.testing.assert_allclose(ends[:, 2], -length * np.sin(np.radians(10.0)), rtol=1e-2)
+
+
+def off_a_wrapped_sheet(sweep, twist=0.0):
+    """m, at most, of a vane off a surface of revolution about a line along its root, over the
+    height of it at its edge. Its base is rounded and its shaft arched."""
+    radius, arch = 0.35 / 3.0, np.radians(24.0) / 0.35
+    outline = ((0.0, 0.03), (0.1, 0.14), (0.6, 0.17), (0.97, 0.06), (1.0, 0.0))
+    shape = replace(vane(outline, (0.0, 62.0, 5.0, 3.0), (0.7, 40.0, 8.0, 3.0)), rounded_base=0.15)
+    kind = feather_kind(shape, shape, camber=24.0, sweep=sweep, twist=twist)
+    rest = build_feather(adjusted(kind, Change(wrap=(3.0, 3.0))), 41, 10).rest
+    turn, half = arch * 0.35 / 2.0, 0.35 / 2.0
+    middle = half * np.sinc(turn / np.pi), -half * np.sin(0.5 * turn) * np.sinc(0.5 * turn / np.pi)
+    along, up = (np.cos(turn), -np.sin(turn)), (np.sin(turn), np.cos(turn))
+    flat = rest.nodes.reshape(-1, 3)
+    way = flat[:, ::2] - middle
+    x, z = way @ along, way @ up
+    sunk = (1.0 - np.sqrt(1.0 - (arch * x) ** 2)) / arch
+    off = np.hypot(flat[:, 1], z + radius) + sunk - radius
+    return np.abs(off).max() / (0.5 * flat[:, 1].max() ** 2 / radius)
+
+
+def test_wrapped_vanes_lie_on_one_sheet_along_all_of_their_shafts():
+    assert off_a_wrapped_sheet(0.0) < 0.055
+    assert off_a_wrapped_sheet(6.0) < 0.5 * off_a_wrapped_sheet(6.0, twist=-9.0)
 
 
 def test_guides_are_met_and_not_overshot():
