@@ -17,13 +17,12 @@ REMEX_ROWS = ("tertials", "secondaries", "primaries")  # from the body outwards,
 # of the upper arm, from the elbow inwards, that tertials stand on; of the hand, primaries
 _TERTIALS, _PRIMARIES = (0.04, 0.55), (0.03, 0.98)
 # of a shut wing, by eye: place from which on coverts lie like a coat, and their gap against open
-_LOOSE, _SHUT_GAP = 0.4, 0.8
+_LOOSE, _SHUT_GAP = 0.4, 0.7
 _ALONG = np.linspace(0.0, 1.0, 6)  # of shafts, places that are told
 _FRONT = 0.7  # from which place on there are none, where they would stand off the breast; by eye
 _FLATTEST = 1e-6  # rad, so that vanes are as flat as a sheet without a bow
 _PARALLEL = 1.0  # deg, between the innermost feather of a shut arm and the outermost
-_HAND_INWARDS = 2.0  # deg, by which its primaries point in less than its secondaries; by eye
-_HAND_ASIDE = 5.0  # deg, of the hand of a shut wing against its outermost primary; by eye
+_HAND_ASIDE = 2.0  # deg, of the hand of a shut wing against its outermost primary; by eye
 
 
 @dataclass(frozen=True)
@@ -138,7 +137,7 @@ def curvature_of(kind: WingType, scale: float) -> float:
 def shut(kind: WingType) -> WingType:
     """The type as a wing shows it that stays folded: the hand under the secondaries, as nearly
     along its primaries as quills have room, and without what these hide."""
-    turned = kind.outermost[1] - _HAND_ASIDE + _HAND_INWARDS
+    turned = kind.outermost[1] - _HAND_ASIDE
     return replace(
         kind,
         innermost=(kind.innermost[0], kind.middle[1] - _PARALLEL),
@@ -154,9 +153,11 @@ def shut(kind: WingType) -> WingType:
 
 
 def _lying_close(row: CovertRow) -> CovertRow:
-    """As a shut wing has it, flat: small ones nearer to each other than where they have to slide
-    are for a layout to part."""
-    return replace(row, hand=0.0, loose=row.chord_position >= _LOOSE, gap=_SHUT_GAP * row.gap)
+    """As a shut wing has it: the small ones nearer to each other than where they have to slide, for
+    a layout to part."""
+    if row.chord_position < _LOOSE:
+        return replace(row, hand=0.0)
+    return replace(row, hand=0.0, loose=True, gap=_SHUT_GAP * row.gap)
 
 
 def lying(kind: WingType, bones: WingBones, scale: float, sheet: Sheet | None) -> Array:
