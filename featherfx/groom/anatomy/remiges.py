@@ -17,7 +17,7 @@ REMEX_ROWS = ("tertials", "secondaries", "primaries")  # from the body outwards,
 # of the upper arm, from the elbow inwards, that tertials stand on; of the hand, primaries
 _TERTIALS, _PRIMARIES = (0.04, 0.55), (0.03, 0.98)
 # of a shut wing, by eye: place from which on coverts lie like a coat, and their gap against open
-_LOOSE, _SHUT_GAP = 0.4, 0.7
+_LOOSE, _SHUT_GAP = 0.4, 0.9
 _ALONG = np.linspace(0.0, 1.0, 6)  # of shafts, places that are told
 _FRONT = 0.7  # from which place on there are none, where they would stand off the breast; by eye
 _FLATTEST = 1e-6  # rad, so that vanes are as flat as a sheet without a bow
