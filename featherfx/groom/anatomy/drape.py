@@ -140,7 +140,7 @@ def _ends(remiges: Remiges, roots: Array, ways: Array) -> tuple[Array, Array]:
 
 
 def _place(edges: Array, tip: Array, aside: Array) -> tuple[float, float]:
-    """Where the plan of a wing goes on its sheet: v (m) of its origin, and its turn, rad.
+    """Find the place of a wing's plan on its sheet: v (m) of its origin, and its turn, rad.
 
     aside: (2,) m, v of the innermost of edges (K, 2) and of the tip (2,).
     """
