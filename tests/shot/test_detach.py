@@ -30,6 +30,7 @@ name = "moult"
 groom = "groom.toml"
 frames = [1, 18]
 quality.base = "draft"
+quality.coefficients = 1
 quality.rows = 7
 quality.simulated_rows = 7
 quality.columns = 3

@@ -69,7 +69,7 @@ def test_presets_with_changes(tmp_path: Path) -> None:
     assert (shot.motion.kind, shot.motion.values["wingbeat_frequency"]) == ("flap", 2.0)
     assert shot.motion.values["stroke_amplitude"] == 70.0
     assert "kind" not in shot.motion.values
-    assert (shot.quality.rows, shot.quality.columns, shot.quality.coefficients) == (11, 4, 1)
+    assert (shot.quality.rows, shot.quality.columns, shot.quality.error) == (11, 4, 3.0)
 
 
 def test_keyframes(tmp_path: Path) -> None:
