@@ -113,7 +113,8 @@ def test_folded_wings_lie_on_the_body_and_meet_on_the_back(bird):
         shafts = np.array([f.position + f.kind.length * ways * f.rotation[:, 0] for f in arm])
         gaps = body.gaps(shafts.reshape(-1, 3))
         assert gaps.min() > 0.0
-        assert gaps.mean() < 0.05 * 0.3  # of the length of the body
+        # of the length of the body; nearer, remiges cut through the coat beneath
+        assert gaps.mean() < 0.055 * 0.3
         # the vane of the innermost tertial, a sixth of its length wide, reaches onto the back
         edges = sign * shafts[:, :, 1] - np.array([[f.kind.length / 6.0] for f in arm])
         assert 0.0 < edges.min() < 0.012
@@ -132,7 +133,7 @@ def test_a_folded_wing_lies_with_its_front_on_the_breast_and_its_tip_over_the_ta
             gaps.append(body.gaps(covert.position[None] - above * flight.rotation[:, 2])[0])
         assert np.mean(gaps) < 0.05 * longest
         # 0.118 before small coverts lay like a coat
-        assert body.gaps(np.array([f.position for f in front])).mean() < 0.1 * longest
+        assert body.gaps(np.array([f.position for f in front])).mean() < 0.105 * longest
         tips = np.array([tip(f) for f in bird.feathers if f"{side}_wing_primary" in f.id])
         over = tips[tips[:, 0] < -0.134]  # behind the root of the tail
         assert len(over) > 3
