@@ -11,6 +11,7 @@ import math
 import os
 import shutil
 import stat
+from collections.abc import Sequence
 from dataclasses import field
 from pathlib import Path
 from typing import Any
@@ -42,7 +43,6 @@ MAX_SHEET = 400  # pictures on a contact sheet
 MAX_SIDE = 8192  # pixels of a side of a picture
 MAX_FILM_RATE = 50  # pictures a second of a film; browsers show none shorter of a GIF
 MIN_LARGE_OUTPUT = 5e8  # bytes of a cache whose size is told before the work
-_SMALLER = "--as condensed or --velocities half"
 MAX_KEPT_BYTES = 2e9  # of layouts, models and the like in the cache folder (files/disk_cache.py)
 MAX_PIXELS = 100_000_000  # of all pictures that are drawn at a time
 
@@ -124,17 +124,21 @@ def refuse_beyond_memory(needed: float, source: str, key: str, what: str) -> Non
         raise InputError(Problem(source, key, f"{what} would need {sizes}"))
 
 
-def describe_large_output(needed: float, samples: int, path: Path) -> str:
+def describe_large_output(needed: float, samples: int, path: Path, smaller: Sequence[str]) -> str:
     """Describe an output of so many bytes that is large; empty for others.
 
-    Raises InputError where the disk of its folder has no room for it.
+    smaller: options that would make it so. Raises InputError where the disk of its folder has no
+    room for it.
     """
     free = shutil.disk_usage(path.parent).free
     each = f"about {as_size(needed)}, {as_size(needed / samples)} a sample"
+    less = f"give {' or '.join(smaller)}" if smaller else "bake fewer frames"
     if needed > free:
-        told = f"takes {each}, but its disk has {as_size(free)} left. Make room, or give {_SMALLER}"
+        told = f"takes {each}, but its disk has {as_size(free)} left. Make room, or {less}"
         raise InputError(Problem(str(path), "", told))
-    return f"{path}: takes {each}. Give {_SMALLER} for less" if needed > MIN_LARGE_OUTPUT else ""
+    if needed <= MIN_LARGE_OUTPUT:
+        return ""
+    return f"{path}: takes {each}. {less[0].upper()}{less[1:]} for less"
 
 
 def as_size(size: float) -> str:

@@ -138,7 +138,9 @@ class CacheWriter:
         self._layout = choose_layout(options.layout, bytes_per_sample * self._samples)
         if self._samples and not options.resume:
             needed = bytes_per_sample * self._samples
-            told = describe_large_output(needed, self._samples, self._path)
+            smaller = ["--as condensed"] * (not form.thinned)
+            smaller += ["--velocities half"] * (form.rates and not form.half)
+            told = describe_large_output(needed, self._samples, self._path, smaller)
             if told:
                 warn_input(told)
         self._info = StageInfo(
