@@ -145,7 +145,7 @@ class WingType:
     tip_gap: Annotated[
         float,
         Number(-0.5, 1),
-        "The same from the middle of the tail to the tip of the longest primary.",
+        "Of the longest feather: from the middle of the tail to the tip of a folded wing.",
     ] = 0.12
     body_clearance: Annotated[
         float,
