@@ -11,7 +11,9 @@ from places import SAMPLES
 
 from featherfx.errors import InputError
 from featherfx.shot.loads.loads import exposures
-from featherfx.shot.loop.simulate import simulate
+from featherfx.shot.loop.placement import place_feathers
+from featherfx.shot.loop.simulate import Simulation, simulate
+from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.types import Motion, Shelter, Shot
 
@@ -68,6 +70,41 @@ def test_air_in_the_plumage_goes_with_the_body() -> None:
     going_along = points_of(replace(outside, wind=wind))
     np.testing.assert_allclose(points_of(inside), going_along, atol=1e-8)
     assert np.abs(points_of(outside) - going_along).max() > 1e-3
+
+
+def test_air_in_the_plumage_turns_with_a_wing() -> None:
+    """Turned about its root at 1,200 degrees a second, a feather in air that turns with it hangs
+    back no farther than in a vacuum; of air about its root alone it would feel all."""
+    times = np.linspace(-1.0, 1.0, 21)
+    keys = [{"time": t, "joint": "", "rotation": (0.0, 1200.0 * t, 0.0)} for t in times.tolist()]
+    turning = {"motion": Motion("keys", {"keyframes": keys}), "settle": False, "preroll": 0}
+    kept_off, still = (replace(one_feather(0.0, share, 0.0), **turning) for share in (1.0, None))
+    vacuum = replace(still, wind=replace(still.wind, air_density=0.0))
+    inside, alone, free = (points_of(each)[-1] for each in (kept_off, still, vacuum))
+    assert np.abs(inside - free).max() < 0.25 * np.abs(alone - free).max()
+
+
+@pytest.mark.nightly
+def test_coverts_of_a_beating_wing_stay_on_their_sheet(tmp_path: Path) -> None:
+    """A pigeon's wing without a skin at 6.7 beats a second in calm air, its outermost coverts."""
+    (tmp_path / "groom.toml").write_text(
+        "name = 'g'\n[[wing]]\nid = 'w'\ntype = 'pigeon'\nshoulder = [0, 0, 0]\nfold = 0\n"
+    )
+    path = tmp_path / "shot.toml"
+    path.write_text(
+        "name = 's'\ngroom = 'groom.toml'\nframes = [1, 9]\nquality = 'preview'\nwind = 'calm'\n"
+        "motion = { base = 'pigeon_beat', wingbeat_frequency = 6.7, start = -1 }\n"
+    )
+    shot = place_feathers(read_shot(path))
+    names = [each.id for each in shot.groom.feathers]
+    chosen = [f for f, name in enumerate(names) if "covert" in name and name[-2:] in ("23", "24")]
+    moved = Simulation(shot, 1, None, 4, wanted=chosen)
+    for frame in moved:
+        for f, feather, rows in zip(chosen, moved.feathers, frame.rows, strict=True):
+            position, rotation = (part[f] for part in root_motion(shot).frames(frame.time))
+            carried = feather.rest.nodes[:, 0] @ rotation.T + position
+            off = np.linalg.norm(rows[:, 0] - carried, axis=1).max()
+            assert off < 0.1 * shot.groom.feathers[f].kind.length, names[f]
 
 
 def test_the_last_shelter_that_fits_holds_and_patterns_must_fit(tmp_path: Path) -> None:

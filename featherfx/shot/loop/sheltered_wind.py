@@ -12,7 +12,7 @@ from featherfx.mechanics.model import Loads
 from featherfx.shot.loads.loads import exposures
 from featherfx.shot.loop.groups import FeatherGroup, GroupLoad
 from featherfx.shot.loop.run import ShotLoad, ShotRun
-from featherfx.shot.roots import arrived
+from featherfx.shot.roots import RootFrames, arrived
 
 # m/s, to which roots' velocities are rounded, so that even motion gives equal winds
 _DIGITS = 9
@@ -24,6 +24,9 @@ class ShelterLoads(ShotLoad):
     def __init__(self, run: ShotRun) -> None:
         super().__init__(run)
         self._exposures = exposures(run.shot).tolist()
+        kinds = [placement.kind for placement in run.shot.groom.feathers]
+        middles = [0.5 * kind.length * (1.0 + kind.calamus) for kind in kinds]
+        self._middles = np.array(middles)[:, None] * np.array([1.0, 0.0, 0.0])
         self.root_rates = lru_cache(1)(self._root_rates)
 
     def key(self, feather: int) -> Hashable:
@@ -35,18 +38,23 @@ class ShelterLoads(ShotLoad):
         exposure = self._exposures[group.members[0]]
         return None if exposure == 1.0 else _Shelter(exposure, self)
 
+    def _carried(self, roots: RootFrames) -> Array:
+        """(F, 3) m, the middles of all vanes as their roots carry them."""
+        return roots.positions + np.einsum("fij,fj->fi", roots.rotations, self._middles)
+
     def _root_rates(self, start: float, end: float, changing: bool) -> tuple[Array, Array]:
-        """(F, 3) m/s, velocities of all roots from start to end (s), and (F, 3) m/s^2, their
-        change since the span before; 0 where that is not asked for."""
+        """(F, 3) m/s, velocities from start to end (s) of the middles of all vanes as their roots
+        carry them, and (F, 3) m/s^2, their change since the span before; 0 where that is not asked
+        for."""
         duration, motion = end - start, self.run.motion
         begin, reached = arrived(motion, start), motion.frames(start)
-        way = motion.frames(end).positions - begin.positions
+        way = self._carried(motion.frames(end)) - self._carried(begin)
         change = np.zeros_like(way)
         if not duration > 0.0:
             return change, change
         if changing:
             # a cut turns the velocity before it with the root
-            before = reached.positions - arrived(motion, start - duration).positions
+            before = self._carried(reached) - self._carried(arrived(motion, start - duration))
             turned = np.einsum("fij,fkj,fk->fi", begin.rotations, reached.rotations, before)
             change = np.round((way - turned) / duration**2, _DIGITS)
         return np.round(way / duration, _DIGITS), change
