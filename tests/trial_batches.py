@@ -85,7 +85,7 @@ def rod(
         rotary_inertia=np.full((1, rows, 2), 1e-6 * line_mass * length**2 * element),
         rachis_area=np.zeros((1, rows)),
         air_volume=np.zeros((1, rows, 1)),
-        closed=np.ones(1),
+        passing=np.full((1, 2, 2), np.inf),
         attached=np.zeros((1, 2)),
         retardation=np.zeros((1, 2)),
         relaxation_time=np.zeros((1, 2, 0)),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from featherfx.groom.keys.values import ArrayOf, Default, Number, Text
+from featherfx.groom.keys.values import ArrayOf, Default, Either, Number, Text
 
 Curve = tuple[tuple[float, float], ...]
 MIN_PROFILE_FACTOR, MAX_PROFILE_FACTOR = 1e-3, 1e3
@@ -38,9 +38,14 @@ _BAND_MEANS = (
     "the lowest; it falls below them and grows above."
 )
 _REFERENCE = Number(0, 1e6, "Hz")
+
 _REFERENCE_MEANS = (
     "Frequency at which the moduli hold; 0: at rest. A material is stiffer the faster it moves."
 )
+
+
+def _by_vane(number: Number) -> Either:
+    return Either({int: number, float: number, list: ArrayOf(number, 2, 2)})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,9 +114,16 @@ class VaneMaterial:
     loss_band: Annotated[tuple[float, ...], _BAND, _BAND_MEANS] = (1.0, 200.0)
     reference_frequency: Annotated[float, _REFERENCE, _REFERENCE_MEANS] = 0.0
     permeability: Annotated[
-        float,
-        Number(0, 1),
-        "Part of the vane's area that air passes: 0 is closed, 1 neither feels nor carries air.",
+        float | tuple[float, ...],
+        _by_vane(Number(0, 1)),
+        "Part of the vane's area that is open to air, or of the leading and the trailing vane: 0 "
+        "is closed, 1 neither feels nor carries air.",
+    ] = 0.0
+    transmissivity: Annotated[
+        float | tuple[float, ...],
+        _by_vane(Number(0, 100, "m/(s Pa)")),
+        "Speed per pressure of air that seeps through the vane, or through the leading and the "
+        "trailing one; 0: no loss beside that of the openings of `permeability`.",
     ] = 0.0
     attached_coefficient: Annotated[
         float,

@@ -36,14 +36,31 @@ root stays, and of a rigid vane: it gives back what it takes. Normals that turn 
 stream U would also push by U dn'/dt; without the air that leaves the strip downstream that feeds
 any edge that is free upstream with m_a U w^2 / 2, w its velocity across: a swan's primary then
 flutters in a breeze from any side. So it is left out, and so are forces on the leading edge
-(suction, Munk's moment). A permeable vane, and one of several in a sheet, carries only a part of
-m_a; a loose barb its own air.
+(suction, Munk's moment). A vane of permeability p carries 1 - p of m_a, one of several in a sheet
+a part, a loose barb its own air.
 At the end of a step of h, with normals and air of the pose expected there,
 
     W = 1/2 m_a a (n.(x - x_t) - g / a)^2
 
 a and x_t of the time integrator (node_kernels), g all in F but n'.dv/dt.
+
+Air through a vane. It loses the pressure (Darcy and Forchheimer; T the transmissivity, w the mean
+speed through the vane)
+
+    dp = w / T + 1/2 rho C (1 - p) / p^2 w^2,
+
+its strips of drag coefficient C = C_n being met at w / p. Air that passes takes off the load of a
+plate: as of a porous sheet where it is light (Taylor 1944), as of an actuator disc in a straight
+line to C where none passes (Wilson and Lissaman 1974). With x = w / u, u the vane's speed through
+the air across itself,
+
+    dp / (1/2 rho u^2) = 4 x (1 - x),  x > sqrt(C) / 2,      else C - 4 (sqrt(C) - 1) x.
+
+Nearly open, a vane bears what its strips bear one by one, C (1 - p); where air is slow, Darcy's
+loss closes it.
 """
+
+from math import inf, sqrt
 
 from featherfx.algebra.vector_kernels import (
     accumulate,
@@ -182,8 +199,7 @@ def _even_out(model, f, side, p, area, room, passed_on):
 
 @kernel
 def vane_areas(model, f, points, area, room, passed_on):
-    """Area of the vane around each node that air does not pass, seen along its normal there, times
-    that normal.
+    """Area of the vane around each node, seen along its normal there, times that normal.
 
     area: (n, 1 + 2 m, 3) m^2, written; the rachis' own nodes have the normals of the surface. room:
     the same, scratch. passed_on: (n, 1 + 2 m), scratch.
@@ -193,10 +209,6 @@ def vane_areas(model, f, points, area, room, passed_on):
     for side in range(2):
         for j in range(columns):
             _even_out(model, f, side, node_index(side, j + 1, columns), area, room, passed_on)
-    if model.closed[f] < 1.0:
-        for i in range(area.shape[0]):
-            for p in range(area.shape[1]):
-                store(area[i, p], scale(model.closed[f], area[i, p]))
 
 
 @kernel
@@ -274,6 +286,39 @@ def blow_step(motion, points, span, spin, loads, f, model, around):
         _accelerate_slip(motion, points, span, spin, loads.wind_change[f], around)
 
 
+@kernel
+def pressed_share(passing, air, speed):
+    """Part of a closed vane's pressure at a speed across it (m/s) on one that air passes.
+
+    passing: (2,) 1 / T, Pa s/m, and (1 - p) / p^2. air: of Loads.
+    """
+    drag = max(air[1], 1.0)
+    rise, root = passing[1] * air[1], sqrt(drag)
+    viscous = 2.0 * passing[0] / (air[0] * speed) if speed > 0.0 else inf
+    line = 4.0 * (root - 1.0) + (viscous if passing[0] > 0.0 else 0.0)
+    below = line + sqrt(line * line + 4.0 * rise * drag)
+    through = 2.0 * drag / below if below > 0.0 else 1.0
+    if through <= 0.5 * root:
+        return 1.0 - 4.0 * (root - 1.0) / drag * through
+    through = (4.0 - line + 4.0 * (root - 1.0)) / (4.0 + rise)
+    return 4.0 * through * (1.0 - through) / drag
+
+
+@kernel
+def _let_through(model, f, air, velocity, around):
+    """Leave the part of the areas of a vane that bears the pressure of a closed one."""
+    columns, leading, trailing = velocity.shape[1] // 2, model.passing[f, 0], model.passing[f, 1]
+    for i in range(velocity.shape[0]):
+        for p in range(velocity.shape[1]):
+            u, n = sub(velocity[i, p], around.wind[i, p]), unit_normal(around.area[i, p])
+            share, across = 0.0, abs(dot(u, n))
+            if p <= columns:
+                share += pressed_share(leading, air, across)
+            if p == 0 or p > columns:
+                share += pressed_share(trailing, air, across)
+            store(around.area[i, p], scale(0.5 * share if p == 0 else share, around.area[i, p]))
+
+
 @shared_kernel(None)
 def blow(points, time, loads, f, velocity, model, around):
     """Wind, vane areas and speeds through the air at the predicted nodes of feather f."""
@@ -283,6 +328,8 @@ def blow(points, time, loads, f, velocity, model, around):
     for i in range(points.shape[0]):
         for p in range(points.shape[1]):
             around.speed[i, p] = length(sub(velocity[i, p], around.wind[i, p]))
+    if min(model.passing[f, 0, 0], model.passing[f, 1, 0]) < inf:
+        _let_through(model, f, loads.air, velocity, around)
     if model.attached[f, 0] > 0.0:
         for i in range(points.shape[0]):
             _row_stream(points, i, velocity, around)

@@ -21,6 +21,7 @@ from featherfx.feather.profiles import (
     vane_shares,
 )
 from featherfx.feather.types import Feather, barb_slice
+from featherfx.groom.materials import VaneMaterial
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.barb_shapes import clamped_shapes, curvature_shapes
 from featherfx.mechanics.model import Model, VaneHooks, no_hooks
@@ -69,7 +70,7 @@ _POWERS: dict[str, float | Array] = {
     "rotary_inertia": 5.0,
     "rachis_area": 2.0,
     "air_volume": 3.0,
-    "closed": 0.0,
+    "passing": 0.0,
     "attached": 0.0,
     "retardation": 0.0,
     "relaxation_time": 0.0,
@@ -229,11 +230,20 @@ def _constants(
         mass=_mass(feather, kind, cell_area, length),
         rotary_inertia=_rotary_inertia(feather, kind, length),
         rachis_area=feather.width * _row_length(length),
-        air_volume=(1.0 - vane.permeability) * _air_volume(feather, kind, cell_area),
-        closed=np.array(1.0 - vane.permeability),
+        air_volume=_air_volume(feather, kind, cell_area),
+        passing=_passing(vane),
         attached=np.array([vane.attached_coefficient, _lift_slope(feather, cell_area)]),
         cell_guard=_guard(feather, kind, touching),
     )
+
+
+def _passing(vane: VaneMaterial) -> Array:
+    """(2, 2) 1 / T, Pa s/m, and (1 - p) / p^2 of both vanes; infinite where they are closed."""
+    gaps, speed = (np.broadcast_to(each, 2) for each in (vane.permeability, vane.transmissivity))
+    closed = np.where(gaps > 0.0, 0.0, np.inf)
+    resistance = np.divide(1.0, speed, out=closed, where=speed > 0.0)
+    rise = np.divide(1.0 - gaps, gaps**2, out=np.zeros(2), where=gaps > 0.0)
+    return np.stack([resistance, rise], axis=1)
 
 
 def _held(feather: Feather, kind: FeatherKind) -> Array:
@@ -424,11 +434,12 @@ def _air_volume(feather: Feather, kind: FeatherKind, cell_area: Array) -> Array:
     reach = np.abs(np.einsum("ipx,ipx->ip", offset, aside))
     hooked = 1.0 if kind.vane_material.ribbon else hooked_fraction(kind, feather)
     chord, carried = np.zeros(reach.shape), np.zeros((2, *reach.shape))
+    solid = 1.0 - np.broadcast_to(kind.vane_material.permeability, 2)
     parts = _at_corners(cell_area * hooked), _at_corners(cell_area * (1.0 - hooked))
     for side, (closed, loose) in enumerate(zip(*parts, strict=True)):
         barbs, grown = barb_slice(side, columns), feather.barb_length[side] > 0.0
-        carried[:, :, 0] += closed[:, 0], loose[:, 0]
-        carried[:, :, barbs] = closed[:, 1:], loose[:, 1:]
+        carried[:, :, 0] += solid[side] * closed[:, 0], solid[side] * loose[:, 0]
+        carried[:, :, barbs] = solid[side] * closed[:, 1:], solid[side] * loose[:, 1:]
         if columns > 0 and grown.any():
             fraction = closed[grown].sum(axis=1) / (closed + loose)[grown].sum(axis=1)
             at, width = place[grown, barbs.stop - 1], reach[grown, barbs.stop - 1] * fraction

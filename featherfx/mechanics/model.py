@@ -76,7 +76,7 @@ class Model(NamedTuple):
     rotary_inertia: (F, n, 2) kg m^2 of the rachis, carried by the directors.
     rachis_area: (F, n) m^2, side area of the rachis that the row stands for, for air drag.
     air_volume: (F, n, 1 + 2 m) m^3, of the air that the vane carries (air_kernels).
-    closed: (F,) part of the vane's area that air does not pass: 1 - permeability.
+    passing: (F, 2, 2) 1 / T, Pa s/m, and (1 - p) / p^2 of both vanes (air_kernels).
     attached: (F, 2) most and slope, 1/rad, of the coefficient of attached flow (node_kernels).
     retardation: (F, 2) s, of the dashpots of rachis and vane. relaxation_time: (F, 2, B) s and
     relaxation_weight: (F, 2, B), of their Maxwell branches (solver/damping); B is 0 without loss.
@@ -103,7 +103,7 @@ class Model(NamedTuple):
     rotary_inertia: Array
     rachis_area: Array
     air_volume: Array
-    closed: Array
+    passing: Array
     attached: Array
     retardation: Array
     relaxation_time: Array

@@ -1,15 +1,17 @@
 """A plate in air: how it falls, tumbles and vibrates, and what air that accelerates does to it."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from featherfx.feather.build import build_feather
 from featherfx.groom.materials import RachisMaterial, VaneMaterial
 from featherfx.groom.types import BarbGuide, FeatherKind, RachisShape, VaneShape
 from featherfx.lab.feathers.feather import stream_coefficients
-from featherfx.mechanics.air_kernels import carried_energy
+from featherfx.mechanics.air_kernels import carried_energy, pressed_share
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.scratch import make_scratch
@@ -79,8 +81,56 @@ def falling(added_mass, permeability=0.0):
         air=np.array([AIR, NORMAL, 0.02, 0.0]), added_mass=np.full(1, added_mass)
     )
     state = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
-    closed = (1.0 - permeability) * area
-    return model, loads, state, closed, added_mass * carried / model.mass.sum()
+    return model, loads, state, area, added_mass * carried / model.mass.sum()
+
+
+def borne(permeability, resistance, speed):
+    """Part of a closed plate's load: root of the pressure lost over that which turns aside."""
+
+    def loss(x):
+        rise = NORMAL * (1.0 - permeability) / permeability**2 if permeability else 0.0
+        return 2.0 * resistance / (AIR * speed) * x + rise * x * x
+
+    def load(x):
+        root = np.sqrt(NORMAL)
+        return 4.0 * x * (1.0 - x) if x > 0.5 * root else NORMAL - 4.0 * (root - 1.0) * x
+
+    return loss(brentq(lambda x: loss(x) - load(x), 0.0, 1.0)) / NORMAL
+
+
+def test_a_vane_that_air_passes_bears_what_turns_aside():
+    """Openings alone, pores alone (Darcy) and both, beside the root of the balance.
+
+    Nearly open, a vane bears what its strips bear one by one; slow, all of it."""
+    air = np.array([AIR, NORMAL, 0.02, 0.0])
+    for gaps, resistance, speed in product(
+        (0.0, 0.1, 0.5, 0.8), (0.0, 0.3, 20.0), (0.1, 2.0, 30.0)
+    ):
+        if gaps or resistance:
+            passing = np.array([resistance, (1.0 - gaps) / gaps**2 if gaps else 0.0])
+            expected = borne(gaps, resistance, speed)
+            assert pressed_share(passing, air, speed) == pytest.approx(expected, abs=1e-9)
+    open_, pores, shut = np.array([[0.0, 0.01 / 0.99**2], [0.3, 1.0], [np.inf, 0.0]])
+    assert pressed_share(open_, air, 5.0) == pytest.approx(0.01, rel=0.02)
+    assert pressed_share(pores, air, 1e-6) == pytest.approx(1.0, abs=1e-5)
+    assert pressed_share(np.zeros(2), air, 5.0) == 0.0
+    assert pressed_share(shut, air, 5.0) == pressed_share(pores, air, 0.0) == 1.0
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_each_vane_passes_its_own_air(side):
+    """The wind along the normal at one open vane: the other bears as before, this one nothing."""
+    kind, gaps = plate(), [0.0, 0.0]
+    gaps[side] = 1.0
+    half = replace(kind, vane_material=replace(kind.vane_material, permeability=tuple(gaps)))
+    whole, one = (make_model([build_feather(each, 9, 3)], [each], 1) for each in (kind, half))
+    wind = np.array([0.0, 0.0, 5.0])
+    assert stream_coefficients(one, wind)[2] == pytest.approx(
+        0.5 * stream_coefficients(whole, wind)[2]
+    )
+    nodes = slice(1 + 3 * side, 4 + 3 * side)
+    assert not one.air_volume[0][:, nodes].any()
+    assert one.air_volume.sum() == pytest.approx(0.5 * whole.air_volume.sum())
 
 
 def mean_velocity(model, state):
@@ -93,6 +143,7 @@ def test_terminal_speed_is_the_balance_of_weight_and_quadratic_drag(air):
     model, loads, state, area, carried = falling(*air)
     loads = loads._replace(gravity=np.array([0.0, 0.0, -GRAVITY]))
     solver = Solver(model, Settings(tolerance=1e-5, newton=1e-9))
+    area *= borne(air[1], 0.0, 1.0) if air[1] else 1.0
     terminal = np.sqrt(2.0 * model.mass.sum() * GRAVITY / (AIR * area * NORMAL))
     interval = 0.2 * terminal / GRAVITY * (1.0 + carried)
     for k in range(1, 26):

@@ -126,7 +126,7 @@ def rod_model(rod: Rod, load: float = 0.0) -> Model:
         rotary_inertia=np.repeat(mass * (_GYRATION * rod.length) ** 2, 2, axis=2),
         rachis_area=np.zeros((1, rows)),
         air_volume=np.zeros((1, rows, 1)),
-        closed=np.ones(1),
+        passing=np.full((1, 2, 2), np.inf),
         attached=np.zeros((1, 2)),
         retardation=np.zeros((1, 2)),
         relaxation_time=np.zeros((1, 2, 0)),
