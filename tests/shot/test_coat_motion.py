@@ -157,6 +157,39 @@ def test_a_skin_that_turns_turns_feathers_with_it():
         np.testing.assert_allclose(found.directors[k], rest.directors, atol=1e-6)
 
 
+def folded(points, time):
+    """Shut like a book about the y axis, by 160 degrees at the time 1."""
+    angle = np.radians(160.0) * time * np.clip(0.5 + points[:, 0] / 0.05, 0.0, 1.0)
+    x, z = np.cos(angle) * points[:, 0], np.sin(angle) * points[:, 0]
+    return np.stack([x, points[:, 1] + 0.03 * np.sin(3.0 * angle), z], axis=1)
+
+
+def jumps(parts, times):
+    """Largest second differences of points between times, over the lengths of feathers (F,)."""
+    placements = parts[0]
+    position = np.array([each.position for each in placements])
+    ahead, size = position[:, 0] > 0.0, np.array([each.kind.length for each in placements])
+    posed = []
+    for time in times:
+        turn = vectors_to_frames(np.radians(160.0) * time * ahead[:, None] * [0.0, -1.0, 0.0])
+        rotations = turn @ np.array([each.rotation for each in placements])
+        posed.append(drawn_at(parts, time, (folded(position, time), rotations))[0].nodes)
+    away = np.linalg.norm(np.diff(posed, 2, axis=0), axis=-1).max(axis=(0, 2, 3))
+    return away / size
+
+
+def test_feathers_bridge_a_crease_without_a_jump():
+    """Where the skin folds beneath them images fold, too, and what is drawn along them jumps."""
+    parts, times = plumage(folded), np.linspace(0.0, 1.0, 49)
+    assert jumps(parts, times).max() > 0.1
+    shares = parts[2].bridge(times[::4])
+    assert shares.max() == 1.0
+    assert jumps(parts, times).max() < 0.1
+    far = np.array([not -0.3 < each.position[0] < 0.05 for each in parts[0]])
+    assert far.any()
+    assert not shares[far].any()
+
+
 def heights(points: RowPoints, time: float) -> np.ndarray:
     """(F, n) m, of rachises over the bent sheet, and (F, n) m, x of the sheet beneath."""
     curvature, stretch = 2.0 * np.sin(2.0 * time), 1.0 + 0.15 * np.sin(3.0 * time)

@@ -5,6 +5,10 @@ over a pose is
 
     y(foot) + F o,   F = (t, n x t, n),  t along a side of the triangle
 
+A feather bridges creases of the skin. The farther its images fold against its shape at rest in any
+pose of a shot, the nearer they are, in every pose, to where the root alone carries it: a share that
+changed with the pose would let it jump.
+
 Images are stretched as the skin is, so they give directions. The rachis runs along the polyline of
 its images in chords of its own lengths. A barb goes along with its row to where that comes to lie,
 in pieces of its own lengths, at its own angle where its leaf is stretched along the rachis. Turns
@@ -21,6 +25,9 @@ from featherfx.coat.leaf_kernels import leaf_point, over_foot, unit, without
 from featherfx.jit.compiled import kernel
 
 _NO_LENGTH = 1e-12  # m, of a piece that has no direction
+# loss of the cosine of two pieces from which folds are bridged, and at which wholly: those of 45
+# and 90 degrees; share of its length that the image of a piece has at least
+_FOLDING, _FOLDED, _SHORTEST = 0.3, 1.0, 0.3
 
 
 class LeafFeet(NamedTuple):
@@ -40,6 +47,20 @@ class LeafFeet(NamedTuple):
     directors: Array
     steps: Array
     pieces: Array
+
+
+class CarriedShapes(NamedTuple):
+    """K feathers as their roots alone carry them.
+
+    nodes: (K, n, 1 + 2 m, 3) m and directors: (K, n, 2, 3), at rest from their roots. shares: (K,)
+    of the way to these that images go. positions: (K, 3) m and rotations: (K, 3, 3), of the roots.
+    """
+
+    nodes: Array
+    directors: Array
+    shares: Array
+    positions: Array
+    rotations: Array
 
 
 class VaneMotion(NamedTuple):
@@ -115,7 +136,80 @@ def _draw_images(carrier, leaves, f, room):
             store(room.image[i, j], add(point, away))
             if j == 0:
                 _, _, slope, _, _ = leaf_point(carrier, t, b, (leaves.values[f], 0.0))
+                # of triangles that a pose squeezes the slope has no bound
+                slope = scale(1.0 / sqrt(1.0 + dot(slope, slope)), slope)
                 store(room.up[i], unit(sub(n, slope)))
+
+
+@kernel
+def _seen_chord(image, rest, start, end):
+    """A chord between two nodes (row, column) at rest, of length 1, and what is seen of its image:
+    of length 1 at most, and shorter where that is short. None has a length where there is none."""
+    chord = sub(rest[end[0], end[1]], rest[start[0], start[1]])
+    now = sub(image[end[0], end[1]], image[start[0], start[1]])
+    size = max(length(chord), _NO_LENGTH)
+    return scale(1.0 / size, chord), scale(1.0 / max(length(now), _SHORTEST * size), now)
+
+
+@kernel
+def _loss(before, after):
+    """Loss of the cosine between two chords, each at rest and now."""
+    return dot(before[0], after[0]) - dot(before[1], after[1])
+
+
+@kernel
+def _find_fold(image, up, rest):
+    """The largest loss along the rachis, along barbs, between rows, and of what is square to the
+    rachis."""
+    rows, m, worst = image.shape[0], (image.shape[1] - 1) // 2, 0.0
+    for i in range(1, rows):
+        chord = _seen_chord(image, rest, (i - 1, 0), (i, 0))
+        lean = dot(chord[1], up[i])
+        worst = max(worst, 1.0 - sqrt(max(1.0 - lean * lean, 0.0)))
+        if i + 1 < rows:
+            worst = max(worst, _loss(chord, _seen_chord(image, rest, (i, 0), (i + 1, 0))))
+        wide = _seen_chord(image, rest, (i - 1, m), (i - 1, 2 * m))
+        worst = max(worst, _loss(wide, _seen_chord(image, rest, (i, m), (i, 2 * m))))
+        for side in range(2):
+            barb = _seen_chord(image, rest, (i, 0), (i, 1 + side * m))
+            for j in range(1 + side * m, m + side * m):
+                piece = _seen_chord(image, rest, (i, j), (i, j + 1))
+                worst = max(worst, _loss(barb, piece))
+                barb = piece
+    return worst
+
+
+@kernel
+def find_folds(carrier, leaves, rest, room, shares, low, high):
+    """Raise the shares of feathers low to high - 1 as far as their images fold over a carrier.
+
+    rest: (K, n, 1 + 2 m, 3) m.
+    """
+    for f in range(low, high):
+        _draw_images(carrier, leaves, f, room)
+        fold = (_find_fold(room.image, room.up, rest[f]) - _FOLDING) / (_FOLDED - _FOLDING)
+        share = min(max(fold, 0.0), 1.0)
+        shares[f] = max(shares[f], share * share * (3.0 - 2.0 * share))
+
+
+@kernel
+def _from_rows(vector, rotation):
+    """A vector turned by a matrix (3, 3)."""
+    return dot(rotation[0], vector), dot(rotation[1], vector), dot(rotation[2], vector)
+
+
+@kernel
+def _bridge(carried, f, room):
+    """Bring images nearer to where the root carries them."""
+    share, start, axes = carried.shares[f], carried.positions[f], carried.rotations[f]
+    if share <= 0.0:
+        return
+    for i in range(room.image.shape[0]):
+        for j in range(room.image.shape[1]):
+            there = add((start[0], start[1], start[2]), _from_rows(carried.nodes[f, i, j], axes))
+            store(room.image[i, j], combined(1.0 - share, room.image[i, j], share, there))
+        own = _from_rows(carried.directors[f, i, 1], axes)
+        store(room.up[i], unit(combined(1.0 - share, room.up[i], share, own)))
 
 
 @kernel
@@ -219,14 +313,15 @@ def _barb_turn(motion, f, b, i, side, j):
 
 
 @kernel
-def draw_over(carrier, leaves, motion, made, room, low, high):
-    """Draw feathers low to high - 1 over a carrier. motion: VaneMotion. room: ImageRoom. Written:
-    made, nodes (F, n, 1 + 2 m, 3) m and directors (F, n, 2, 3)."""
+def draw_over(carrier, leaves, carried, motion, made, room, low, high):
+    """Draw feathers low to high - 1 over a carrier. carried: CarriedShapes. motion: VaneMotion.
+    room: ImageRoom. Written: made, nodes (F, n, 1 + 2 m, 3) m and directors (F, n, 2, 3)."""
     nodes, directors = made
     rows, m = nodes.shape[1], leaves.pieces.shape[3]
     for f in range(low, high):
         b, roll = motion.order[f], motion.roll[f]
         _draw_images(carrier, leaves, f, room)
+        _bridge(carried, f, room)
         _draw_rachis(leaves.steps[f], room)
         _find_turns(motion, f, b, room.turns)
         first = room.rachis[0]

@@ -43,7 +43,7 @@ from featherfx.files.background import count_cores
 from featherfx.groom.skin.skin import closest
 from featherfx.groom.types import Placement
 from featherfx.shot.coat import leaf_kernels as kernels
-from featherfx.shot.coat.leaf_kernels import ImageRoom, LeafFeet, VaneMotion
+from featherfx.shot.coat.leaf_kernels import CarriedShapes, ImageRoom, LeafFeet, VaneMotion
 from featherfx.shot.roots import RootFrames
 from featherfx.shot.sources import TimedSurface
 
@@ -129,7 +129,8 @@ class MovingCoat:
         self._order[bent] = np.arange(len(bent))
         self._still = rest.at(np.arange(0))
         self._shafts, self._ups = rest.nodes[bent, :, 0], rest.directors[bent, :, 1]
-        self._straight = straight = self._lay(np.zeros(len(numbers)))
+        self._rest, self._shares = rest, np.zeros(len(numbers))
+        self._straight = straight = self._lay(self._shares)
         self._turned = np.zeros(0), straight
         places = np.sqrt(straight.shares[..., 1])
         self._feet, self._place = straight.feet[:, :, 0], places[:, :, 0]
@@ -162,9 +163,31 @@ class MovingCoat:
         arrays = coat.arrays(coat.rest)
         kernels.find_offsets(arrays, leaves, lain.nodes, 0, len(numbers))
         still = VaneMotion(*self._still, np.full(len(numbers), -1), 0.0 * turns, self._lain)
-        side, normal = self._draw(arrays, leaves, still).directors.swapaxes(0, 2).swapaxes(1, 2)
+        roots = np.zeros((len(numbers), 3)), np.tile(np.eye(3), (len(numbers), 1, 1))
+        carried = CarriedShapes(lain.nodes, lain.directors, self._shares, *roots)
+        drawn = self._draw(arrays, leaves, carried, still)
+        side, normal = drawn.directors.swapaxes(0, 2).swapaxes(1, 2)
         axes = np.stack([np.cross(side, normal), side, normal], axis=-2)
         return leaves._replace(directors=lain.directors @ axes.swapaxes(-1, -2))
+
+    def bridge(self, times: Sequence[float]) -> Array:
+        """Let feathers bridge what folds at any of some times (s).
+
+        Returns (K,) shares of the way to where the roots alone carry them.
+        """
+        coat, shares = self._coat, np.zeros(len(self._numbers))
+        for time in times:
+            arrays = coat.arrays(pose_carrier(coat.mesh, self._skin.at(time)))
+
+            def find_some(low: int, high: int, arrays: CarrierArrays = arrays) -> None:
+                room = self._make_room()
+                kernels.find_folds(
+                    arrays, self._straight, self._rest.nodes, room, shares, low, high
+                )
+
+            share_out(find_some, len(shares), self._pool)
+        self._shares = shares
+        return shares
 
     @cached_property
     def _raised(self) -> SkinMeans:
@@ -208,7 +231,8 @@ class MovingCoat:
             lift = self._lift(each)
             arrays = self._coat.arrays(self._part(carrier, lift[:, 1]), lift)
             turns, motion = self._motion(each)
-            drawn.append(self._draw(arrays, self._on_leaves(turns), motion))
+            carried = CarriedShapes(*self._rest, self._shares, *each.roots)
+            drawn.append(self._draw(arrays, self._on_leaves(turns), carried, motion))
         now, first = drawn[0], both(lambda x: np.broadcast_to(np.nan, x.shape), drawn[0])
         second = first
         if rates > 0:  # in place, as these arrays are the largest of a bake
@@ -276,24 +300,30 @@ class MovingCoat:
         faces = self._coat.mesh.faces[self._feet[:, -1]]
         return limit_rises(rises, self._ceiling[faces].mean(axis=1))
 
-    def _draw(self, arrays: CarrierArrays, leaves: LeafFeet, motion: VaneMotion) -> RowPoints:
+    def _draw(
+        self, arrays: CarrierArrays, leaves: LeafFeet, carried: CarriedShapes, motion: VaneMotion
+    ) -> RowPoints:
         """The feathers over a carrier."""
         made = RowPoints(np.empty_like(leaves.offsets), np.empty(leaves.directors.shape))
-        shape = made.nodes.shape[1:]
 
         def draw_some(low: int, high: int) -> None:
-            room = ImageRoom(
-                image=np.empty(shape),
-                up=np.empty((shape[0], 3)),
-                rachis=np.empty((shape[0], 3)),
-                row=np.zeros(shape[0], dtype=np.int64),
-                part=np.empty(shape[0]),
-                turns=np.empty((shape[0], 2)),
-            )
-            kernels.draw_over(arrays, leaves, motion, made, room, low, high)
+            room = self._make_room()
+            kernels.draw_over(arrays, leaves, carried, motion, made, room, low, high)
 
         share_out(draw_some, len(made.nodes), self._pool)
         return made
+
+    def _make_room(self) -> ImageRoom:
+        """Scratch memory of a thread."""
+        rows, columns = self._rest.nodes.shape[1:3]
+        return ImageRoom(
+            image=np.empty((rows, columns, 3)),
+            up=np.empty((rows, 3)),
+            rachis=np.empty((rows, 3)),
+            row=np.zeros(rows, dtype=np.int64),
+            part=np.empty(rows),
+            turns=np.empty((rows, 2)),
+        )
 
 
 def _extrapolated_roots(rates: Sequence[RootFrames], time: float) -> RootFrames:

@@ -30,6 +30,7 @@ _ROLLED = "the leaves around leave no room. Lower the density of their regions, 
 _RAISED = (
     "wings, tail or rows lie over it, or the skin is hollow. Open these, or leave the regions out"
 )
+_FRAMES_PER_LOOK = 4  # at the skin, for creases: they open and close over several frames
 _CEILING_GRID = 21, 4  # rows and columns of what lies over a coat
 
 
@@ -73,6 +74,7 @@ class CoatStage(Stage):
         bent = np.flatnonzero(~np.isin(self._members, run.lifted))
         drawn = [run.drawn[f] for f in self._members]
         self._coat, self._bent = MovingCoat(coat, skin, own, drawn, bent, above), bent
+        self._bridge_creases(self._coat)
         self._motion: Roots = run.motion
         if shot.channels:  # which turn feathers on their leaves
             plain = undirected_motion(shot)
@@ -80,6 +82,22 @@ class CoatStage(Stage):
             clock = StageClock(0.0, 1.0, shot.frames_per_second, shot.frame_cuts)
             self._motion = CutRoots(whole, clock)
             self._warn_of_limits(self._coat)
+
+    def _bridge_creases(self, coat: MovingCoat) -> None:
+        """Let feathers bridge creases that fold beneath them in the shot; warn of them once."""
+        shot = self.run.shot
+        first, last = shot.first_frame, shot.last_frame
+        frames = [*range(first, last, _FRAMES_PER_LOOK), last]
+        shares = coat.bridge([(each - first) / shot.frames_per_second for each in frames])
+        wholly = np.flatnonzero((shares == 1.0) & np.isin(self._members, self.run.wanted))
+        if len(wholly):
+            message = (
+                f"{shot.source}: the skin folds by 90 degrees or more beneath"
+                f" {count_feathers(len(wholly))} of the coat, as"
+                f" '{shot.groom.feathers[self._members[wholly[0]]].id}'. They keep their shape and"
+                " follow their roots. Shorten them there, or smooth the weights of the skin"
+            )
+            warnings.warn(message, InputWarning, stacklevel=2)
 
     def _find_lifted(self, every: Indices) -> Indices:
         """Numbers of those guided feathers of a coat, by numbers, all of whose guides are of it:
