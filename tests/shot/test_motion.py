@@ -23,6 +23,7 @@ STILL = {
     **dict.fromkeys(("twist", "elbow", "wrist", "beats"), 0.0),
     **{
         "wingbeat_frequency": 1.0,
+        "ramp_beats": 0.0,
         "downstroke": 0.5,
         "span_ratio": None,
         "heave": 0.0,
@@ -185,10 +186,28 @@ def test_flap_is_periodic_and_smooth():
     assert largest_jump_of_rate(motion, 1.7) < 0.02
 
 
-@pytest.mark.parametrize("beats", [0.3, 2.5])
-def test_flap_rests_after_its_beats(beats):
-    motion = motion_of("flap", FLAP | {"beats": beats})
-    end = beats * PERIOD
+def test_flap_that_speeds_up_never_beats_faster_than_later_and_keeps_its_phase():
+    """Over an even number of beats it falls behind by whole ones."""
+    motion, caught = (motion_of("flap", FLAP | {"ramp_beats": each}) for each in (2.0, 0.0))
+    late = np.linspace(2.0, 3.0, 17) * PERIOD
+    for ours, theirs in zip(sampled(motion, late), sampled(caught, late), strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-12)
+    fastest = [
+        np.abs(
+            np.diff(
+                sampled(motion, begin * PERIOD + np.linspace(0.0, 2.0 * PERIOD, 401))[0], axis=0
+            )
+        )
+        for begin in (0.0, 2.0)
+    ]
+    assert fastest[0].max() < 1.01 * fastest[1].max()
+    assert largest_jump_of_rate(motion, 1.7) < 0.02
+
+
+@pytest.mark.parametrize(("beats", "ramp"), [(0.3, 0.0), (2.5, 0.0), (2.5, 1.0), (2.5, 9.0)])
+def test_flap_rests_after_its_beats(beats, ramp):
+    motion = motion_of("flap", FLAP | {"beats": beats, "ramp_beats": ramp})
+    end = (beats + min(beats, ramp)) * PERIOD
     before, after = motion.frames(end - 1e-5)[0], motion.frames(end + 7.0)[0]
     np.testing.assert_allclose(motion.frames(end)[0], after, atol=1e-12)
     assert np.abs(before - after).max() < 1e-9

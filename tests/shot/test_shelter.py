@@ -93,7 +93,7 @@ def test_coverts_of_a_beating_wing_stay_on_their_sheet(tmp_path: Path) -> None:
     path = tmp_path / "shot.toml"
     path.write_text(
         "name = 's'\ngroom = 'groom.toml'\nframes = [1, 9]\nquality = 'preview'\nwind = 'calm'\n"
-        "motion = { base = 'pigeon_beat', wingbeat_frequency = 6.7, start = -1 }\n"
+        "motion = { base = 'pigeon_beat', wingbeat_frequency = 6.7 }\n"
     )
     shot = place_feathers(read_shot(path))
     names = [each.id for each in shot.groom.feathers]

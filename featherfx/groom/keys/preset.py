@@ -323,6 +323,12 @@ MOTION_KEYS: dict[str, dict[str, Key]] = {
     "flap": {
         "wingbeat_frequency": _changing(Number(0.001, 1000, "Hz"), "Beats per second."),
         "beats": Key(Number(0, 1e6), "Beats until the wing rests; 0: no end.", 0.0),
+        "ramp_beats": Key(
+            Number(0, 1000),
+            "Beats over which it speeds up from rest, and slows down at its end, as many later. 0: "
+            "within a quarter of a beat it catches up with time, which throws feathers.",
+            0.0,
+        ),
         "stroke_amplitude": _changing(
             Number(0, 180, "deg"),
             "Angle between top and bottom of the stroke, to which `elevation` is scaled. Beside a "

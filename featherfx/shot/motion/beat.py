@@ -33,9 +33,10 @@ with t in beats. h is the integral whose mean and whose rate's mean are 0. That 
 lift left for the upstroke, nor drag for its wings, is an estimate. A body pitches about the middle
 between its shoulders.
 
-A motion starts, and after its beats ends, at rest: within a quarter of a beat the phase catches up
-with time. The phase is the integral of the frequency, and numbers that change over time do so
-smoothly: modes of flight follow each other without a jump.
+A motion starts, and after its beats ends, at rest. Within a quarter of a beat the phase catches up
+with time; or over a ramp of r beats it speeds up and stays r / 2 behind. The phase is the integral
+of the frequency, and numbers that change over time do so smoothly: modes of flight follow each
+other without a jump.
 """
 
 from __future__ import annotations
@@ -106,6 +107,12 @@ def _caught_up(beats: float, ramp: float) -> float:
     return beats * smooth_step(beats / ramp)
 
 
+def _sped_up(beats: float, ramp: float) -> float:
+    """Beats done after a start from rest, their speed a smooth step; ramp / 2 behind after it."""
+    u = min(beats / ramp, 1.0)
+    return ramp * u**4 * (2.5 + u * (u - 3.0)) + max(beats - ramp, 0.0)
+
+
 class _Angles(NamedTuple):
     """Angles of a wing, rad. tip: by which the hand is turned over."""
 
@@ -122,6 +129,7 @@ class Flap:
     """A wing beat. curves: by joint. numbers: times (s) and values of those that may change.
 
     middle, half: of the stroke's curve. beats: after which the wing rests; 0: it beats on and on.
+    ramp: beats over which it speeds up; 0: it catches up.
 
     fold_factors: times (s) and factors of the folds of elbow and wrist. raised, lowered: times (s)
     and rad, by which the bottom and the top of the stroke are nearer to its middle than its
@@ -133,6 +141,7 @@ class Flap:
     middle: float
     half: float
     beats: float
+    ramp: float
     fold_factors: Track = ((0.0,), (1.0,))
     raised: Track = ((0.0,), (0.0,))
     lowered: Track = ((0.0,), (0.0,))
@@ -144,7 +153,8 @@ class Flap:
         stroke = [curves["elevation"](k / BEAT_SAMPLES) for k in range(BEAT_SAMPLES)]
         low, high = min(stroke), max(stroke)
         numbers = {name: track_of(values[name]) for name in _NUMBERS}
-        return cls(curves, numbers, 0.5 * (low + high), 0.5 * (high - low), values["beats"])
+        ends = values["beats"], values["ramp_beats"]
+        return cls(curves, numbers, 0.5 * (low + high), 0.5 * (high - low), *ends)
 
     def phase(self, time: float) -> float:
         """Return the phase, whole beats included, at a time (s)."""
@@ -168,16 +178,14 @@ class Flap:
     def _beats_done(self, time: float) -> float:
         since = (eased_integral(*self.numbers["wingbeat_frequency"], each) for each in (time, 0.0))
         done = max(next(since) - next(since), 0.0)
-        if self.beats <= 0.0:
-            beats = _caught_up(done, _RAMP)
-        elif done >= self.beats:
-            beats = self.beats
-        else:
-            ramp = min(_RAMP, 0.5 * self.beats)
-            is_early = done < 0.5 * self.beats
-            left = self.beats - _caught_up(self.beats - done, ramp)
-            beats = _caught_up(done, ramp) if is_early else left
-        return beats
+        begun, whole = _caught_up, self.beats
+        ramp = min(_RAMP, 0.5 * whole or _RAMP)
+        if self.ramp > 0.0:
+            begun, ramp = _sped_up, min(self.ramp, whole or self.ramp)
+            whole += ramp
+        if self.beats <= 0.0 or done < 0.5 * whole:
+            return begun(done, ramp)
+        return self.beats - begun(max(whole - done, 0.0), ramp)
 
     def angles(self, phase: float, time: float, inside: float, factor: float) -> _Angles:
         """Return the angles of a wing. inside: 1 of the wing inside a turn, -1 outside. factor: of

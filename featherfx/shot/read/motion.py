@@ -133,7 +133,8 @@ def _ends(motion: Motion) -> Iterator[float]:
         and values["beats"]
         and isinstance(values["wingbeat_frequency"], float | int)
     ):
-        own = [values["beats"] / values["wingbeat_frequency"]]
+        beats = values["beats"] + min(values["ramp_beats"], values["beats"])
+        own = [beats / values["wingbeat_frequency"]]
     elif motion.kind not in ("hold", "level"):
         own = [math.inf]
     yield from (clock.start + each / clock.tempo for each in own)
