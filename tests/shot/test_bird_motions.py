@@ -23,7 +23,7 @@ fold = 1
 mirror = "y"
 [[tail]]
 id = "tail"
-position = [-0.1, 0, 0]
+position = [-0.1, 0, -0.02]
 direction = [-1, 0, 0]
 up = [0, 0, 1]
 count = 4
@@ -117,6 +117,13 @@ def test_what_an_act_cannot_be(tmp_path, motion, message):
         read(tmp_path, motion)
 
 
+def test_a_joint_that_is_not_there_is_told_once(tmp_path):
+    keys = ", ".join(f'{{ time = {k}, joint = "nek", rotation = [0, 1, 0] }}' for k in range(5))
+    with pytest.raises(InputError, match="'nek' in the groom, did you mean 'neck'") as told:
+        read(tmp_path, f'kind = "keys"\nkeyframes = [{keys}]')
+    assert len(told.value.problems) == 1
+
+
 def test_an_act_that_is_part_of_itself_is_refused(tmp_path):
     (tmp_path / "presets" / "motion").mkdir(parents=True)
     (tmp_path / "presets" / "motion" / "ring.toml").write_text('kind = "act"\nmotions = ["ring"]\n')
@@ -130,7 +137,7 @@ def test_an_act_that_is_part_of_itself_is_refused(tmp_path):
 def test_trunks_steeper_than_an_angle_are_levelled_about_their_shoulders(tmp_path, height, pitch):
     """The root of the tail is 0.13 m behind the shoulders, of which one that rises by 45 degrees
     pitches to 30; where it rises less, nothing moves."""
-    tail = BIRD.replace("[-0.1, 0, 0]", f"[-0.1, 0, {0.03 - height}]")
+    tail = BIRD.replace("[-0.1, 0, -0.02]", f"[-0.1, 0, {0.03 - height}]")
     (tmp_path / "groom.toml").write_text(tail)
     (tmp_path / "shot.toml").write_text(f'{SHOT}kind = "level"\ntrunk_angle = 30\nsize = 3')
     shot = read_shot(tmp_path / "shot.toml")

@@ -340,7 +340,7 @@ MOTION_KEYS: dict[str, dict[str, Key]] = {
         "stroke_plane": _changing(
             _ANGLE,
             "Lean of the plane of the stroke: 0 straight up and down the body, 90 forwards and "
-            "backwards along it.",
+            "backwards along it, as with a trunk that rises by 21 degrees (`trunk_angle`).",
             0.0,
         ),
         "span_ratio": _changing(

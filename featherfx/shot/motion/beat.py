@@ -13,7 +13,9 @@ monotone cubics through keys. Positive angles, on either side, turn the left win
     wrist     folds the hand backwards
     tip       turns the hand over about its length, in the upstroke
 
-The stroke a of an arm runs in a plane that leans back by s against the body's transverse plane,
+about the axes of a body whose trunk rises as a standing pigeon's, from the root of its tail to its
+shoulders: on one that rises otherwise axes lean with the trunk. The stroke a of an arm runs in a
+plane that leans back by s against that body's transverse plane,
 
     sin(sweep) = sin(a) sin(s),    tan(elevation) = tan(a) cos(s).
 
@@ -53,8 +55,10 @@ from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.algebra.types import Array
 from featherfx.groom.types import Groom, Joint
 from featherfx.shot.motion.joints import JointPoses, Skeleton, opened_poses, still_poses
+from featherfx.shot.motion.swings import trunk_of
 
 _HINGE_LEAN = math.radians(20.0)
+_RISE = math.radians(21.0)  # of a standing pigeon's trunk: samples/pigeon
 _RAMP = 0.25  # of a beat
 # What mirroring at the plane of symmetry (y -> -y) does to the entries of a rotation matrix.
 MIRROR = np.outer((1.0, -1.0, 1.0), (1.0, -1.0, 1.0))
@@ -235,11 +239,13 @@ def _heave(time: float, downstroke: float) -> float:
 class Wings:
     """Joints of a groom that beat. hinges, hands: by number of the joint, of those that have one.
 
-    In opened wings and the groom's axes: the hinge's turn (rad), the direction of the hand."""
+    In opened wings and the groom's axes: the hinge's turn (rad), the direction of the hand. axes:
+    (3, 3), to those of shoulders."""
 
     joints: Sequence[Joint]
     hinges: Mapping[int, Array]
     hands: Mapping[int, Array]
+    axes: Array
 
     @classmethod
     def find(cls, groom: Groom, skeleton: Skeleton) -> Wings:
@@ -257,7 +263,7 @@ class Wings:
                 if joint.bone is not None:
                     hand = carriers[number] @ (np.asarray(joint.bone) - joint.position)
                     hands[number] = hand / np.linalg.norm(hand)
-        return cls(groom.joints, hinges, hands)
+        return cls(groom.joints, hinges, hands, wing_axes(groom))
 
     def poses(self, flap: Flap, phase: float, time: float, factor: float) -> JointPoses:
         """Return the poses of all joints at a phase of the beat."""
@@ -268,7 +274,7 @@ class Wings:
                 continue
             angles = wings[joint.side]
             if number not in self.hinges:
-                turn = _turn(joint.role, angles)
+                turn = self.axes.T @ _turn(joint.role, angles) @ self.axes
                 found.rotations[number] = turn if joint.side > 0 else turn * MIRROR
                 continue
             hinge, bend = self.hinges[number], getattr(angles, joint.role)
@@ -278,6 +284,13 @@ class Wings:
                 hand = from_rotation_vector(bend / whole * hinge) @ self.hands[number]
                 found.rotations[number] = from_rotation_vector(-joint.side * angles.tip * hand)
         return found
+
+
+def wing_axes(groom: Groom) -> Array:
+    """(3, 3) turn from the axes of a groom to those about which its shoulders turn."""
+    trunk = trunk_of(groom)
+    lean = 0.0 if trunk is None else trunk[1] - _RISE
+    return from_rotation_vector(np.array((0.0, lean, 0.0)))
 
 
 def _turn(role: str, angles: _Angles) -> Array:

@@ -5,9 +5,10 @@ the left wing
 
     R = R_x(elevation) R_z(sweep) R_y(twist),
 
-as a flap composes them (beat.py); on the right one from the mirror image. Elbow and wrist are their
-folds about their hinges, without these their turns. The fan is 1 where the hand is open and 0 where
-it is folded. The span ratio is the reach of the wing (beat.py) over the largest one of the shot.
+as a flap composes them, in its axes (beat.py); on the right one from the mirror image. Elbow and
+wrist are their folds about their hinges, without these their turns. The fan is 1 where the hand is
+open and 0 where it is folded. The span ratio is the reach of the wing (beat.py) over the largest
+one of the shot.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from featherfx.algebra.rotation import frames_to_quats, rotation_vectors
 from featherfx.algebra.types import Array
 from featherfx.groom.types import Joint
-from featherfx.shot.motion.beat import MIRROR
+from featherfx.shot.motion.beat import MIRROR, wing_axes
 from featherfx.shot.motion.joints import joint_roots, opened_poses, skeleton_of
 from featherfx.shot.motion.motion import joint_poses
 from featherfx.shot.types import Shot
@@ -105,7 +106,7 @@ def find_tracks(shot: Shot) -> JointTracks:
     opened = skeleton.turned(opened_poses(groom))
     own = np.stack([skeleton.turned(each) for each in found]) @ opened.swapaxes(1, 2)
     folds = np.stack([each.bends + each.folds for each in found])
-    wings = {}
+    wings, axes = {}, wing_axes(groom)
     for side, name in _SIDES.items():
         joints = {
             joint.role: number
@@ -118,7 +119,7 @@ def find_tracks(shot: Shot) -> JointTracks:
             reach = np.stack(tips)[:, borne] - positions[:, shoulder][:, None]
             body = rotations[:, shoulder] @ (own[:, shoulder] @ opened[shoulder]).swapaxes(1, 2)
             reach = np.linalg.norm((reach @ body)[:, :, 1:], axis=2).max(axis=1, initial=0.0)
-            wings[name] = _wing(joints, groom.joints, own, folds, reach, side)
+            wings[name] = _wing(joints, groom.joints, axes @ own @ axes.T, folds, reach, side)
     return JointTracks(times, skeleton.names, positions, rotations, wings)
 
 
@@ -131,7 +132,8 @@ def _wing(
     side: int,
 ) -> WingTrack:
     """Angles of a wing. joints: numbers by role. own: (T, J, 3, 3) turns against parents, since
-    opened. folds: (T, J) turns about hinges, of whole ones. reach: (T,) m."""
+    opened, in the axes of shoulders. folds: (T, J) turns about hinges, of whole ones. reach:
+    (T,) m."""
     shoulder = own[:, joints["shoulder"]]
     angles = Rotation.from_matrix(shoulder if side > 0 else shoulder * MIRROR).as_euler("XZY")
     elevation, sweep, twist = np.unwrap(angles, axis=0).T

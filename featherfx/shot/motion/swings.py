@@ -9,7 +9,9 @@ import numpy as np
 
 from featherfx.algebra.interpolation import smooth_step
 from featherfx.algebra.rotation import from_rotation_vector
+from featherfx.algebra.types import Array
 from featherfx.errors import Problem
+from featherfx.groom.types import Groom
 from featherfx.shot.motion.body_joints import TARSI
 from featherfx.shot.motion.joints import (
     JointPoses,
@@ -70,18 +72,27 @@ def levelled(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
 
     Raises MissingJointError where it has no tail or no shoulders.
     """
-    joints = shot.groom.joints
-    shoulders = [each.position for each in joints if each.role == "shoulder" and each.side]
-    tails = [each.position for each in joints if each.name == TAIL]
-    if not (shoulders and tails):
+    trunk = trunk_of(shot.groom)
+    if trunk is None:
         told = f"levels a trunk, and the groom lacks shoulders or the joint '{TAIL}'"
         raise MissingJointError(Problem(str(shot.source), "motion.kind", told))
-    middle = np.mean(shoulders, axis=0) * (1.0, 0.0, 1.0)
-    ahead, _, up = middle - tails[0]
-    rise = math.atan2(up, ahead) - math.radians(motion.values["trunk_angle"])
+    middle, rise = trunk
+    rise -= math.radians(motion.values["trunk_angle"])
     found = still_poses(len(skeleton.names))
     found.rotations[0] = from_rotation_vector(np.array((0.0, max(rise, 0.0), 0.0)))
     tarsi = [k for k, name in enumerate(skeleton.names) if name in TARSI]
     found.rotations[tarsi] = found.rotations[0].T
     found.displacements[0] = (middle - found.rotations[0] @ middle) / motion.clock.size
     return lambda _: found
+
+
+def trunk_of(groom: Groom) -> tuple[Array, float] | None:
+    """(3,) m, the middle between the shoulders of a groom, and rad, by which its trunk rises to
+    there from the root of its tail; None where it lacks either."""
+    shoulders = [each.position for each in groom.joints if each.role == "shoulder" and each.side]
+    tails = [each.position for each in groom.joints if each.name == TAIL]
+    if not (shoulders and tails):
+        return None
+    middle = np.mean(shoulders, axis=0) * (1.0, 0.0, 1.0)
+    ahead, _, up = middle - tails[0]
+    return middle, math.atan2(up, ahead)

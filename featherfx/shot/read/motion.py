@@ -219,8 +219,8 @@ def _check_later(place: Place, times: list[float], name: str = "", unit: str = "
 
 
 def _check_joint(joint: str, groom: Groom | None, place: Place) -> None:
-    joints = {each.name for each in groom.joints} if groom is not None else set()
-    if groom is not None and joint and joint not in joints | BODY_JOINTS.keys():
+    joints = {each.name for each in groom.joints} | BODY_JOINTS.keys() if groom is not None else ()
+    if groom is not None and joint and joint not in joints:
         place.child("joint").unknown(f"no joint '{joint}' in the groom", joint, joints)
 
 
@@ -230,11 +230,13 @@ def _check_keyframes(
     """Joints exist, times of one joint ascend, rates and orders are clear."""
     latest: dict[tuple[str, str], float] = {}
     orders: dict[str, str] = {}
+    firsts = {each["joint"]: index for index, each in reversed(list(enumerate(keyframes)))}
     by_quaternion = {each["joint"] for each in keyframes if len(each["rotation"] or ()) == 4}
     for index, frame in enumerate(keyframes):
         at = place.item(index)
         joint, time = frame["joint"], frame["time"]
-        _check_joint(joint, groom, at)
+        if firsts[joint] == index:
+            _check_joint(joint, groom, at)
         for what in ("position", "rotation"):
             if frame[what] is None:
                 continue
