@@ -1,6 +1,8 @@
-"""Sheets of feathers that a coat lies on: the fan of a tail, sewn to the skin that it stands in.
+"""Sheets of feathers that a coat lies on: fans of tails, and coverts of folded wings.
 
-Skin behind the roots of the fan is cut out. A tube of rings, each around all feathers there, is
+A skin rises to coverts that lie over it as a ramp, so that feathers before them lie on them.
+
+A fan is sewn to the skin that it stands in. Skin behind the roots of the fan is cut out. A tube of rings, each around all feathers there, is
 sewn to the loop that is left and closed at the tips. Its extents are concave along the fan. So
 rump and vent lie on a tail and its coverts as on skin: above and below, never through them.
 """
@@ -11,14 +13,20 @@ from typing import NamedTuple
 
 import numpy as np
 
+from featherfx.algebra.element_kernels import fill_normals
+from featherfx.algebra.surface_elements import factorise, make_elements, make_stiffness
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.algebra.vectors import unit
+from featherfx.algebra.vectors import dots, unit
+from featherfx.groom.skin.skin import closest
 
 # of the fan's length: how far ahead of its feathers the skin is cut, the first that gives a loop,
 # within this of its axis
 _AHEAD, _MAX_ASIDE = (0.1, 0.0), 0.5
 _CLEARANCE = 0.01  # of the fan's length, of the sheet from the feathers
 _STATION = 0.03  # of the fan's length, between rings
+_SLOPE = 0.5  # of a ramp onto coverts
+# of the height of the highest covert: of the top of a ramp over these, and reach of its smoothing
+_OVER, _REACH = 0.03, 0.3
 # exponent of a ring's section, of an ellipse 2 as at the loop; of the fan's length, until it is so
 _ROUNDNESS, _FLATTENING = 4.0, 0.25
 
@@ -31,6 +39,39 @@ class _FanAxes(NamedTuple):
     side: Array
     up: Array
     length: float
+
+
+def raise_onto(points: Array, faces: Indices, above: Array) -> Array:
+    """The points of a skin, raised smoothly to feathers that lie over it.
+
+    points: (V, 3) m, each place once. faces: (T, 3). above: (N, 3) m, points of these feathers.
+    """
+    from scipy.sparse import diags_array
+
+    normals = np.empty_like(points)
+    fill_normals(points, faces, normals)
+    triangle, place = closest(above, points[faces])
+    corners = faces[triangle]
+    foot, normal = (np.einsum("nk,nkc->nc", place, x[corners]) for x in (points, normals))
+    height = dots(above - foot, unit(normal))
+    height += _OVER * height.max()
+    rise = np.zeros(len(points))
+    for own in corners.T:
+        away = np.linalg.norm(points[own] - foot, axis=1)
+        np.maximum.at(rise, own, height - _SLOPE * away)
+    edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
+    edges = np.concatenate([edges, edges[:, ::-1]])
+    falls = _SLOPE * np.linalg.norm(np.diff(points[edges], axis=1)[:, 0], axis=1)
+    before = rise - 1.0
+    while (rise != before).any():
+        before = rise.copy()
+        np.maximum.at(rise, edges[:, 0], before[edges[:, 1]] - falls)
+    elements = make_elements(points, faces)
+    reaches = np.full(len(faces), (_REACH * rise.max()) ** 2)
+    solve = factorise(diags_array(elements.masses) + make_stiffness(elements, faces, reaches))
+    soft = solve(elements.masses * rise)
+    soft += solve(elements.masses * np.maximum(rise - soft, 0.0))
+    return np.asarray(points + soft[:, None] * normals)
 
 
 def sew_fan(points: Array, faces: Indices, nodes: Array, others: Array) -> tuple[Array, Indices]:

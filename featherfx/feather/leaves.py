@@ -21,7 +21,7 @@ from featherfx.algebra.vectors import dots
 from featherfx.coat.coat import Coat, StackReport, describe_doubts, draw, grow_coat, stack
 from featherfx.coat.fields import CoatSpacing, Follicles
 from featherfx.coat.forms import PlaneForms, make_plane_forms
-from featherfx.coat.sheets import sew_fan
+from featherfx.coat.sheets import raise_onto, sew_fan
 from featherfx.errors import count_feathers, warn_input
 from featherfx.feather.shapes import build_plane_feathers
 from featherfx.feather.types import Feather, FeatherSurface, RowPoints, stacked
@@ -225,6 +225,9 @@ def _grow(groom: Groom, chosen: Sequence[Placement]) -> tuple[LaidCoat, PlaneFor
     assert skin is not None
     assert layout is not None
     points, faces = _sew_tails(groom, *weld(skin))
+    onto = [each for each in groom.feathers if each.grown and each.turning is not None]
+    if onto:
+        points = raise_onto(points, faces, _nodes_of(onto).reshape(-1, 3))
     places = np.stack([each.position for each in chosen])
     triangle, place = closest(places, points[faces])
     foot = np.einsum("fk,fkc->fc", place, points[faces][triangle])
@@ -248,6 +251,14 @@ def _grow(groom: Groom, chosen: Sequence[Placement]) -> tuple[LaidCoat, PlaneFor
     return LaidCoat(*stack(coat, forms)), forms
 
 
+def _nodes_of(placements: Sequence[Placement]) -> Array:
+    """(K, n, 1 + 2 m, 3) m, of K feathers on a coarse grid."""
+    rest = stacked([each.rest for each in build_plane_feathers(placements, *_FOOTPRINT)])
+    turns = np.stack([each.rotation for each in placements])
+    roots = np.stack([each.position for each in placements])[:, None, None]
+    return np.asarray(np.einsum("kij,kncj->knci", turns, rest.nodes) + roots)
+
+
 def _sew_tails(groom: Groom, points: Array, faces: Indices) -> tuple[Array, Indices]:
     """Sew the sheets of tails, whose feathers and coverts the coat lies on, to a skin."""
     fans: dict[str, list[Placement]] = {}
@@ -258,10 +269,7 @@ def _sew_tails(groom: Groom, points: Array, faces: Indices) -> tuple[Array, Indi
                 fans.setdefault(first, []).append(each)
     for name, own in fans.items():
         length = np.array([each.kind.length for each in own])
-        rest = stacked([each.rest for each in build_plane_feathers(own, *_FOOTPRINT)])
-        turns = np.stack([each.rotation for each in own])
-        roots = np.stack([each.position for each in own])[:, None, None]
-        nodes = np.einsum("kij,kncj->knci", turns, rest.nodes) + roots
+        nodes = _nodes_of(own)
         shafts = nodes[length > _SHORTEST_OF_FAN * length.max(), :, 0]
         before = points
         points, faces = sew_fan(points, faces, shafts, nodes.reshape(-1, 3))

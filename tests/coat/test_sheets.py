@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from featherfx.algebra.rotation import from_rotation_vector
-from featherfx.coat.sheets import sew_fan
+from featherfx.coat.sheets import raise_onto, sew_fan
 
 LENGTH = 0.15
 
@@ -82,3 +82,20 @@ def test_a_skin_that_no_loop_cuts_stays_as_it_is():
     same, still = sew_fan(points, faces, nodes + far, vanes + far)
     assert same is points
     assert still is faces
+
+
+def test_a_skin_rises_to_feathers_over_it_as_a_ramp():
+    """A plane rises over a plate 1 cm high, by less than 1 to 1 around it, and elsewhere stays."""
+    x, y = (each.ravel() for each in np.meshgrid(*[np.linspace(-0.1, 0.1, 41)] * 2, indexing="ij"))
+    points = np.stack([x, y, 0.0 * x], axis=1)
+    corner = (np.arange(40)[:, None] * 41 + np.arange(40)).ravel()
+    cells = corner[:, None] + np.array([[0, 41, 42], [0, 42, 1]]).reshape(1, -1)
+    faces = cells.reshape(-1, 3)
+    plate = np.abs(points[:, :2]).max(axis=1) < 0.021
+    above = points[plate] + (0.0, 0.0, 0.01)
+    raised = raise_onto(points, faces, above)
+    rise = raised[:, 2]
+    np.testing.assert_array_equal(raised[:, :2], points[:, :2])
+    assert (rise[plate] > 0.0095).all() and rise.max() < 0.0115  # m
+    assert np.abs(rise[np.hypot(x, y) > 0.075]).max() < 2e-4
+    assert np.abs(np.diff(rise.reshape(41, 41), axis=0)).max() < 0.005

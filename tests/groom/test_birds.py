@@ -16,6 +16,8 @@ from pxr import Usd, UsdGeom
 
 from featherfx.api import scene_readers
 from featherfx.errors import InputError
+from featherfx.feather.leaves import lay_out
+from featherfx.feather.placed_feathers import build_feathers
 from featherfx.groom.anatomy import drape
 from featherfx.groom.anatomy.drape import Body
 from featherfx.groom.anatomy.landmarks import axes_of
@@ -125,15 +127,14 @@ def test_a_folded_wing_lies_with_its_front_on_the_breast_and_its_tip_over_the_ta
     longest = max(f.kind.length for f in bird.feathers if "wing_primary" in f.id)
     for side, sign in (("right", -1.0), ("left", 1.0)):
         arm = [f for f in bird.feathers if re.match(f"{side}_wing_(secondary|tertial)", f.id)]
-        front = [f for f in bird.feathers if f"{side}_wing_lesser_covert_2" in f.id]
+        front = [f for f in bird.feathers if f"{side}_wing_median_covert" in f.id]
         gaps = []
         for flight, covert in zip(arm, front, strict=True):
             # what the rows between take up is no gap
             above = (covert.position - flight.position) @ flight.rotation[:, 2]
             gaps.append(body.gaps(covert.position[None] - above * flight.rotation[:, 2])[0])
         assert np.mean(gaps) < 0.05 * longest
-        # 0.118 before small coverts lay like a coat
-        assert body.gaps(np.array([f.position for f in front])).mean() < 0.105 * longest
+        assert body.gaps(np.array([f.position for f in front])).mean() < 0.07 * longest
         tips = np.array([tip(f) for f in bird.feathers if f"{side}_wing_primary" in f.id])
         over = tips[tips[:, 0] < -0.134]  # behind the root of the tail
         assert len(over) > 3
@@ -142,36 +143,37 @@ def test_a_folded_wing_lies_with_its_front_on_the_breast_and_its_tip_over_the_ta
         assert (sign * over[:, 1] > 0.0).all()
 
 
-def test_breast_feathers_stand_under_the_front_of_a_folded_wing(bird):
-    fronts = [f.position for f in bird.feathers if "wing_lesser_covert_2" in f.id]
-    assert len(fronts) > 20
-    centres = bird.skin.mean(axis=1)
-    coat = np.array([f.position for f in bird.feathers if f.region in TRACTS or "breast" in f.id])
+def test_the_small_coverts_of_a_shut_wing_are_a_coat_that_covers_its_front(bird):
+    """Bare quills of the row behind stood above the back and the breast."""
+    laid = lay_out(bird)
+    coat = [f for f in laid.feathers if f.leaf is not None]
+    own = [f for f in coat if re.match("(right|left)_wing_lesser_covert", f.id)]
+    assert len(own) > 40
+    points = np.concatenate([f.position + rest.nodes[:, 0] @ f.rotation.T
+                             for f, rest in rests_of(coat)])  # fmt: skip
+    fronts = [f for f in laid.feathers if "_wing_median_covert" in f.id]
     for front in fronts:
-        skin = centres[np.argmin(np.linalg.norm(centres - front, axis=1))]
-        # one before it on the skin, whose vane of 25 mm reaches beneath
-        ways = coat - skin
-        near = (np.linalg.norm(ways, axis=1) < 0.016) & (ways[:, 0] > -0.002)
-        assert near.any()
+        ways = (points - front.position) @ front.rotation
+        beside = np.linalg.norm(ways[:, :2], axis=1) < 0.25 * front.kind.length
+        assert 0.0 < ways[beside, 2].max() < 0.3 * front.kind.length
+
+
+def rests_of(placements):
+    """Placements and the rest shapes of their rachises."""
+    return [
+        (f, each.rest)
+        for f, each in zip(placements, build_feathers(placements, 11, 4), strict=True)
+    ]
 
 
 @pytest.mark.usefixtures("wings_as_typed")
-def test_feathers_of_the_breast_reach_over_the_front_of_folded_wings_alone(bird, tmp_path):
-    for side, sign in (("right", -1.0), ("left", 1.0)):
-        front = [f for f in bird.feathers if f"{side}_wing_lesser_covert_2" in f.id]
-        over = [f for f in bird.feathers if f.region == "wrist" and sign * f.position[1] > 0.0]
-        fronts, roots = (np.array([f.position for f in each]) for each in (front, over))
-        tips = np.array([f.position + f.kind.length * f.rotation[:, 0] for f in over])
-        ways = np.linalg.norm(fronts[:, None] - roots, axis=2)
-        near = ways.min(axis=0) < 0.03  # m
-        assert near.sum() >= 6
-        own = fronts[ways.argmin(axis=0)]
-        assert ((own - tips)[near, 0] > 0.0).mean() > 0.5  # behind the front
-        assert (roots[:, 2] > fronts[:, 2].max()).sum() <= 2  # scapulars lie over its top
+def test_the_small_coverts_of_a_wing_that_opens_are_rows(tmp_path):
     kind = f'type = {{ base = "pigeon", {BARE} }}\n'
-    for opens, has in (("", True), ("opens = true", False)):
+    for opens, rows in (("", 0), ("opens = true", 4)):
         found = read_groom(changed(tmp_path, "^type.*", kind + opens)).feathers
-        assert any(f.region == "wrist" for f in found) == has
+        names = {f.region for f in found if "right_wing_lesser" in f.id}
+        assert len([each for each in names if each.startswith("lesser_covert_")]) == rows
+        assert ("right_wing_lesser_covert_1" in names) == (not rows)
 
 
 def test_feathers_stand_below_the_lower_edge_of_a_folded_wing_and_scapulars_on_the_back(bird):
@@ -239,7 +241,7 @@ def test_sizes_follow_the_body(bird, tmp_path):
     kind = f'type = {{ base = "pigeon", {BARE} }}\nscale = 2.0'
     double = read_groom(changed(tmp_path, r"^type.*", kind))
     sizes = [
-        {f.id: f.kind.length for f in groom.feathers if "wing" in f.id or "tail" in f.id}
+        {f.id: f.kind.length for f in groom.feathers if f.turning is not None}
         for groom in (bird, double)
     ]
     ratio = {sizes[1][name] / sizes[0][name] for name in sizes[0]}
@@ -386,25 +388,6 @@ def test_a_cheek_is_below_and_behind_the_eyes_and_feathers_begin_where_the_bill_
     assert "cheek" not in {f.region for f in grown(0.3, "")}
     front = [max(f.position[0] for f in each if f.region == "face") for each in (found, grown(0.8))]
     assert front[1] < front[0] - 0.005
-
-
-@pytest.mark.usefixtures("wings_as_typed")
-@pytest.mark.nightly
-def test_sides_of_a_breast_are_as_the_breast_unless_the_type_says_otherwise(tmp_path):
-    """Where wings stand off it, longer and closer ones fill what is between."""
-
-    def lengths(own):
-        kind = f'type = {{ base = "pigeon", {scarce(3)}, tracts.breast.length_variation = 0{own} }}'
-        found = read_groom(changed(tmp_path, r"^type.*", kind)).feathers
-        return [f.kind.length for f in found if f.region == "breast_side"]
-
-    side = (
-        ', tracts.breast_side = { kind = "contour", length = 0.04, relative_density = 20,'
-        " length_variation = 0 }"
-    )
-    plain, own = lengths(""), lengths(side)
-    assert len(own) > len(plain) > 10
-    assert np.median(own) > 1.2 * np.median(plain)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ between landmarks, so they fit any skin. What a bird becomes are tables of a gro
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,10 +21,10 @@ from featherfx.errors import all_of
 from featherfx.groom.anatomy.drape import Beneath, Body, beneath, lie_on
 from featherfx.groom.anatomy.fans import TAIL_THINNING, closed_fan
 from featherfx.groom.anatomy.landmarks import Points, axes_of, check_on_skin, distance
-from featherfx.groom.anatomy.remiges import shut
+from featherfx.groom.anatomy.remiges import coated_rows, shut
 from featherfx.groom.anatomy.wing import wing_type
 from featherfx.groom.frames import along_polyline
-from featherfx.groom.keys.anatomy import TRACTS, WingType
+from featherfx.groom.keys.anatomy import TRACTS, CovertRow, PartOfBody, WingType
 from featherfx.groom.keys.limbs import CREST_KEYS, TAIL_KEYS, WING_KEYS
 from featherfx.groom.keys.problems import INVALID, Place
 from featherfx.groom.keys.regions import (
@@ -40,10 +40,7 @@ from featherfx.groom.read.readers import SkinsReader
 
 _TAIL_LIFT = 0.006  # of the longest, from pair to pair: the pigeon's as counted free of crossings
 _TAIL_DEEP = 0.4  # of the width of the root, all pairs together at most, as in trains; by eye
-_SIDE_TILT = 15.0  # deg, that the breast's sides stand up more before folded wings; by eye
-# of their own length, from the front of a folded wing to those that cover it; by eye
-_BEFORE_WRIST = 0.27
-_LOWER = 0.85  # of the height of that front, covered by them; scapulars lie over the rest; by eye
+_SMALL_DENSITY = 12.0  # relative, of the small coverts of shut wings; by eye
 _UNEVEN = 0.04  # of feathers of a disc
 _UNEVEN_WIDTH = 0.07  # of the widths of feathers of the coat; by eye
 _RIMLESS = 0.5  # of a disc's radius, around the tip of the beak, which its rim would hide; by eye
@@ -83,6 +80,7 @@ def hatch(
     scale = entry["scale"] or distance(points, "beak", "tail") / kind["length"]
     wing = wing_type(kind["wing"], at.child("type.wing"), library)
     stays = "right_wing" not in points and entry["fold"] == 1.0 and not entry["opens"]
+    coats = coated_rows(wing) if stays else []
     wing = shut(wing) if stays else wing
     tail = _tail(entry, kind["tail"], points, axes, scale) if kind["tail"]["count"] else None
     skin = _skin(parts["skin"], place, read, points["tail"], axes, entry["bare"])
@@ -101,25 +99,24 @@ def hatch(
         parts["crest"].append((at, _crest(entry, kind["crest"], points, axes, scale, skin)))
     sites = _sites(points, axes, kind["bill"], kind["neck"])
     sites |= _cheeks(points) if kind["tracts"]["cheek"] is not None else {}
+    shoulders = {}
     if body is not None and entry["fold"] > _HIDES and not entry["opens"]:
-        found = [_beneath(each, body) for each in wings]
-        well, front, low = map(np.concatenate, zip(*found, strict=True))
-        sites |= {"below_wing": well, "breast_side": front}
-        sites["flank"] = np.concatenate([sites["flank"], low])
-        if kind["tracts"]["wrist"] is not None:
-            ahead = _BEFORE_WRIST * scale * kind["tracts"]["wrist"]["length"]
-            low = np.concatenate([_lower(each.front, axes[:, 2]) for each in found])
-            sites["wrist"] = low + ahead * axes[:, 0]
+        found = {each["side"]: _beneath(each, body) for each in wings}
+        sites["below_wing"] = np.concatenate([each.well for each in found.values()])
+        low = [each.low for each in found.values()]
+        sites["flank"] = np.concatenate([sites["flank"], *low])
+        shoulders = {
+            f"{side}_wing_{coats[0].name}": each.front for side, each in found.items() if coats
+        }
+        sites |= shoulders
     bare = tuple({**rule, "invert": not rule["invert"]} for rule in entry["bare"])
     above = (_filled(WHERE_KEYS, facing=tuple(axes[:, 2]), angle=_SIDEWAYS, soft_angle=10.0),)
     disc = _disc(kind["disc"], points, scale)
     parts["region"] += [
         (at.child("type.disc"), {**each, "where": each["where"] + bare}) for each in disc.regions
     ]
-    breast = kind["tracts"]["breast"]
-    steeper = breast | {"tilt": breast["tilt"] + _SIDE_TILT}
-    parts_of = kind["tracts"] | {"breast_side": kind["tracts"]["breast_side"] or steeper}
-    for name in (*TRACTS, "cheek", "wrist", "breast_side"):
+    parts_of = kind["tracts"] | dict.fromkeys(shoulders, _small_coverts(wing, coats))
+    for name in (*TRACTS, "cheek", *shoulders):
         if len(sites.get(name, ())) and parts_of[name]["relative_density"] > 0.0:
             region = _region(name, parts_of[name], sites, points, scale)
             region["where"] += bare + disc.outside + (above if name == "scapular" else ())
@@ -214,11 +211,13 @@ def _beneath(wing: dict[str, Any], body: Body) -> Beneath:
     return beneath(wing["type"], place, wing["scale"], body, left, sheet)
 
 
-def _lower(front: Array, up: Array) -> Array:
-    """Places (K, 3) m of the lower part of a wing's front (N, 3) m."""
-    height = front @ up
-    least, most = height.min(initial=np.inf), height.max(initial=-np.inf)
-    return np.asarray(front[height <= least + _LOWER * (most - least)])
+def _small_coverts(kind: WingType, rows: Sequence[CovertRow]) -> dict[str, Any]:
+    """Rows of coverts of a shut wing as a part of the coat; empty without any."""
+    if not rows:
+        return {}
+    arm = np.mean([*kind.secondaries.lengths, *kind.tertials.lengths])
+    length = float(arm * np.mean([row.length for row in rows]))
+    return asdict(PartOfBody(rows[0].kind, length, _SMALL_DENSITY, width=rows[0].width))
 
 
 def _tail(

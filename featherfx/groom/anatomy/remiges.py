@@ -16,10 +16,10 @@ from featherfx.groom.keys.anatomy import CovertRow, WingType
 REMEX_ROWS = ("tertials", "secondaries", "primaries")  # from the body outwards, and the bones below
 # of the upper arm, from the elbow inwards, that tertials stand on; of the hand, primaries
 _TERTIALS, _PRIMARIES = (0.04, 0.55), (0.03, 0.98)
-# of a shut wing, by eye: place from which on coverts lie like a coat, and their gap against open
-_LOOSE, _SHUT_GAP = 0.4, 0.9
+# of a shut wing, by eye: places of the row that the coat before it rises onto, and of the first
+# that is a coat itself; and gaps of rows against an open wing's
+_LOOSE, _COATED, _SHUT_GAP = 0.2, 0.4, 0.6
 _ALONG = np.linspace(0.0, 1.0, 6)  # of shafts, places that are told
-_FRONT = 0.7  # from which place on there are none, where they would stand off the breast; by eye
 _FLATTEST = 1e-6  # rad, so that vanes are as flat as a sheet without a bow
 _PARALLEL = 1.0  # deg, between the innermost feather of a shut arm and the outermost
 _HAND_ASIDE = 2.0  # deg, of the hand of a shut wing against its outermost primary; by eye
@@ -145,19 +145,16 @@ def shut(kind: WingType) -> WingType:
         outermost=(kind.outermost[0], _HAND_ASIDE),
         alula=replace(kind.alula, count=0),
         coverts=tuple(
-            _lying_close(row)
+            replace(row, hand=0.0, loose=row.chord_position >= _LOOSE, gap=_SHUT_GAP * row.gap)
             for row in kind.coverts
-            if row.side == "above" and row.chord_position < _FRONT
+            if row.side == "above" and row.chord_position < _COATED
         ),
     )
 
 
-def _lying_close(row: CovertRow) -> CovertRow:
-    """As a shut wing has it: the small ones nearer to each other than where they have to slide, for
-    a layout to part."""
-    if row.chord_position < _LOOSE:
-        return replace(row, hand=0.0)
-    return replace(row, hand=0.0, loose=True, gap=_SHUT_GAP * row.gap)
+def coated_rows(kind: WingType) -> list[CovertRow]:
+    """The small coverts of a type that are a coat where its wing is shut."""
+    return [row for row in kind.coverts if row.side == "above" and row.chord_position >= _COATED]
 
 
 def lying(kind: WingType, bones: WingBones, scale: float, sheet: Sheet | None) -> Array:

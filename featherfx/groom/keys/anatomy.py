@@ -63,7 +63,7 @@ class CovertRow:
     loose: Annotated[
         bool,
         Flag(),
-        "Whether a layout may move, shorten and leave out its feathers, as those of regions.",
+        "Whether the coat of a layout rises onto the row, as onto folded wings that do not open.",
     ] = False
 
 
@@ -214,16 +214,6 @@ _CHEEK = Key(
     "Below and behind the eyes, if these are among the landmarks; without it others meet there.",
     None,
 )
-_BREAST_SIDE = Key(
-    _PART,
-    "Before the fronts of folded wings and under them; without it as the breast, 15 deg steeper.",
-    None,
-)
-_WRIST = Key(
-    _PART,
-    "Of the breast, over the front of folded wings that do not open; without it others meet there.",
-    None,
-)
 
 
 @dataclass(frozen=True)
@@ -350,10 +340,7 @@ BIRD_TYPE = {
         0.42,
     ),
     "tracts": Key(
-        Table(
-            {name: Key(_PART, f"The {name}.") for name in TRACTS}
-            | {"cheek": _CHEEK, "wrist": _WRIST, "breast_side": _BREAST_SIDE}
-        ),
+        Table({name: Key(_PART, f"The {name}.") for name in TRACTS} | {"cheek": _CHEEK}),
         "Its coat.",
     ),
     "colours": Key(

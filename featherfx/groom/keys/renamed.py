@@ -63,6 +63,10 @@ REMOVED = {
     "contact.layered": "Delete it: all feathers on a skin keep their leaves.",
     "contact.ease": "Delete it: feathers keep their leaves without lifts that come and go.",
     "level_of_detail.fade": "Delete it: a feather's largest size in the shot chooses its level.",
+    **{
+        f"tracts.{part}": "Delete it: the coat rises onto folded wings, as their small coverts."
+        for part in ("wrist", "breast_side")
+    },
     "layout.clearance": "Write layout.gap, a share of the length of the feathers.",
     "layout.most_tilt": "Delete it: feathers bend onto their leaves (layout.thickness).",
     "layout.most_tilt_placed": "Delete it: rows stay as they are placed.",
