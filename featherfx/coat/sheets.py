@@ -2,9 +2,10 @@
 
 A skin rises to coverts that lie over it as a ramp, so that feathers before them lie on them.
 
-A fan is sewn to the skin that it stands in. Skin behind the roots of the fan is cut out. A tube of rings, each around all feathers there, is
-sewn to the loop that is left and closed at the tips. Its extents are concave along the fan. So
-rump and vent lie on a tail and its coverts as on skin: above and below, never through them.
+A fan is sewn to the skin that it stands in. Skin behind the roots of the fan is cut out. A tube of
+rings, each around all feathers there, is sewn to the loop that is left and closed at the tips. Its
+extents are concave along the fan. So rump and vent lie on a tail and its coverts as on skin: above
+and below, never through them.
 """
 
 from __future__ import annotations
