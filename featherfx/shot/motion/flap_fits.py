@@ -43,7 +43,8 @@ _BISECTIONS = 24  # of a factor of folds
 _ENDS = 0.5, 0.0  # phases of a stroke's bottom and top
 # phases about an end that are looked at, and bisections of where it is
 _PHASES, _END_BISECTIONS = tuple(0.03 * k for k in range(-4, 5)), 6
-_APART = 0.15  # s, about a beat: of knots that are farther apart, the middle is looked at
+# s, about a beat: knots that are farther apart have others between them, up to so many parts
+_APART, _PARTS = 0.12, 4
 # places on a feather, over its length and its width, by which those near the body are found
 _PLACES = np.array([(x, y) for x in (0.4, 0.7, 1.0) for y in (-0.6, 0.0, 0.6)])
 # rows and columns of their shapes, and the first row that keeps off the body
@@ -122,7 +123,10 @@ class BeatFit:
         degree or more before its amplitude has it, warn."""
         numbers = self.flap.numbers
         knots = sorted({*numbers["stroke_amplitude"][0], *numbers["stroke_plane"][0]})
-        times = sorted([*knots, *(0.5 * (a + b) for a, b in pairwise(knots) if b - a > _APART)])
+        times = knots[:1]
+        for a, b in pairwise(knots):
+            parts = min(math.ceil((b - a) / _APART), _PARTS)
+            times += np.linspace(a, b, parts + 1)[1:].tolist()
         raised, lowered = ([self._shortened(end, time) for time in times] for end in _ENDS)
         told = [
             f"{what} by {math.degrees(max(found)):.2g} degrees"
