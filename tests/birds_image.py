@@ -51,7 +51,7 @@ def main(output: str) -> None:
         for number, bird in enumerate(BIRDS):
             row, column = divmod(number, COLUMNS)
             whole.paste(draw_bird(bird, Path(folder)), (column * WIDTH, row * HEIGHT))
-    whole.quantize(256).save(output, optimize=True)
+    whole.quantize(palette=whole.quantize(256)).save(output, optimize=True)  # dithers
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from places import SAMPLES
 from pxr import Usd, UsdGeom
 
 from featherfx.api import scene_readers
-from featherfx.errors import InputError
+from featherfx.errors import InputError, InputWarning
 from featherfx.feather.leaves import lay_out
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.groom.anatomy import drape
@@ -69,7 +69,7 @@ def bird():
 @pytest.fixture
 def wings_as_typed(monkeypatch):
     """Folded wings stay where their type has them: to find how they lie takes 5 s and more."""
-    monkeypatch.setattr("featherfx.groom.anatomy.bird._lying", lambda wings, _: wings)
+    monkeypatch.setattr("featherfx.groom.anatomy.bird._lying", lambda wings, *_: wings)
 
 
 def test_a_skin_and_landmarks_are_a_whole_bird(bird):
@@ -276,7 +276,7 @@ def test_folded_wings_stay_off_the_body_as_far_as_their_type_says(bird, clear):
     kind = wing_type({"base": "pigeon"}, Place("", "", Problems()), Library((), Problems()))
     kind = replace(kind, body_clearance=clear, lift=0.0)
     body = replace(body, middle=np.array([-0.134, 0.0, 0.138]))
-    kind, sheet = drape.lie_on(kind, shoulder, 1.0, body, 0.0)
+    kind, sheet, _ = drape.lie_on(kind, shoulder, 1.0, body, 0.0)
     bones = folded(kind, shoulder, np.array([0.045, 0.053, 0.058]), body.axes, False, 1.0)
     shafts = lying(kind, bones, 1.0, sheet)[:, 1:]
     gaps = np.sort(body.gaps(shafts.reshape(-1, 3)))
@@ -291,11 +291,19 @@ def test_tips_of_folded_wings_are_as_far_apart_as_their_type_says(bird):
     longest, lengths = max(kind.primaries.lengths), np.array([0.045, 0.053, 0.058])
     for gap in (0.0, 0.06):
         shoulder = np.array([0.04, -0.042, 0.205])
-        own, sheet = drape.lie_on(replace(kind, tip_gap=gap), shoulder, 1.0, body, 0.0)
+        own, sheet, _ = drape.lie_on(replace(kind, tip_gap=gap), shoulder, 1.0, body, 0.0)
         bones = folded(own, shoulder, lengths, body.axes, False, 1.0)
         shafts = lying(own, bones, 1.0, sheet)[:, 1:]
         farthest = np.argmax(np.linalg.norm(shafts[:, -1] - shafts[:, 0], axis=1))
         assert -shafts[farthest, -1, 1] == pytest.approx(gap * longest, abs=0.02 * longest)
+
+
+@pytest.mark.nightly
+def test_what_folded_wings_miss_of_their_type_is_told_once(tmp_path):
+    kind = f'type = {{ base = "pigeon", wing.base = "pigeon", wing.back_gap = 1, {BARE} }}'
+    with pytest.warns(InputWarning, match=r"back_gap = -?0\.\d\d, not 1, .* Give these") as told:
+        read_groom(changed(tmp_path, r"^type.*", kind))
+    assert len(told) == 1
 
 
 @pytest.mark.usefixtures("wings_as_typed")

@@ -17,7 +17,7 @@ import numpy as np
 from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.algebra.types import Array
 from featherfx.algebra.vectors import unit
-from featherfx.errors import all_of
+from featherfx.errors import all_of, warn_input
 from featherfx.groom.anatomy.drape import Beneath, Body, beneath, lie_on
 from featherfx.groom.anatomy.fans import TAIL_THINNING, closed_fan
 from featherfx.groom.anatomy.landmarks import Points, axes_of, check_on_skin, distance
@@ -91,7 +91,7 @@ def hatch(
     body = skin if skin is None or tail is None else _with_tail(skin, tail)
     wings = [_wing(entry, wing, side, points, axes, scale) for side in ("right", "left")]
     if body is not None and (entry["fold"] > _SPREAD or entry["opens"]):
-        wings = _lying(wings, body)
+        wings = _lying(wings, body, at)
     parts["wing"] += [(at, each) for each in wings]
     if tail is not None:
         parts["tail"].append((at, tail))
@@ -188,7 +188,7 @@ def _wing(
     )
 
 
-def _lying(wings: list[dict[str, Any]], body: Body) -> list[dict[str, Any]]:
+def _lying(wings: list[dict[str, Any]], body: Body, at: Place) -> list[dict[str, Any]]:
     """Both wings with a folded pose that lies on the body, the left one as the right one; those
     that landmarks pose stay as they are."""
     right = wings[0]
@@ -197,7 +197,14 @@ def _lying(wings: list[dict[str, Any]], body: Body) -> list[dict[str, Any]]:
     shoulder = np.array(right["shoulder"])
     rows = right["type"].coverts if right["below"] else ()
     below = right["scale"] * sum(row.gap for row in rows if row.side == "below")
-    kind, sheet = lie_on(right["type"], shoulder, right["scale"], body, below)
+    kind, sheet, misses = lie_on(right["type"], shoulder, right["scale"], body, below)
+    if misses:
+        warn_input(
+            f"{at.source}: {at.child('type.wing').key}: on this body folded wings lie with "
+            f"{', '.join(misses)}, in lengths of the longest feather. Give these values, or "
+            "move the landmarks of the shoulders",
+            3,
+        )
     sheets = sheet, sheet.mirrored(body.middle, body.axes[:, 1])
     return [wing | {"type": kind, "sheet": own} for wing, own in zip(wings, sheets, strict=True)]
 

@@ -33,6 +33,7 @@ _INNER = np.array([0.25, 0.5, 0.7, 0.85])  # of a shaft, beside which its inner 
 _AHEAD = 0.03  # of the longest feather, of a folded shoulder before its landmark; by eye
 _EDGE = 0.2  # of a feather's length, from its shaft to the edge of its inner vane
 _MAX_ANGLE = 40.0  # deg, by which the plan is turned on its sheet
+_MISS = 0.05  # of the longest feather, by which a folded wing misses what its type asks for unsaid
 _TRIES = 8  # in which its ends come to where they shall be, half of the way each
 _OUTWARDS = 65  # places that are asked on a way out of a body
 
@@ -78,8 +79,9 @@ class Body:
 
 def lie_on(
     kind: WingType, shoulder: Array, scale: float, body: Body, below: float
-) -> tuple[WingType, Sheet]:
-    """The type as its right folded wing lies on a body, and the sheet that bears it.
+) -> tuple[WingType, Sheet, list[str]]:
+    """The type as its right folded wing lies on a body, the sheet that bears it, and what it misses
+    of its type.
 
     below: m, that coverts below its flight feathers take up.
     """
@@ -105,12 +107,20 @@ def lie_on(
             sheet = _settled(sheet, plan + start, body, clearance)
         ends = sheet.places(np.vstack([edges, tip]) + start)[0]
         away = (body.middle - ends) @ body.axes[:, 1]
-        aside += 0.5 * (wanted - (away[:-1].min(), away[-1]))
+        found = np.array([away[:-1].min(), away[-1]])
+        aside += 0.5 * (wanted - found)
+    gaps = body.gaps(sheet.places(plan + start)[0])
+    reached = np.append(found, np.percentile(gaps, _NEAREST) - below) / longest
+    misses = [
+        f"{key} = {reached[k]:.2f}, not {getattr(kind, key):.3g}"
+        for k, key in enumerate(("back_gap", "tip_gap", "body_clearance"))
+        if abs(reached[k] - getattr(kind, key)) > _MISS
+    ]
     # the plane of the bones goes along with its feathers
     camber = float(np.degrees(sheet.curvature * longest))
     hung = _hung(replace(kind, camber=camber), sheet.axes @ axes.T @ bones.frames[0], body.axes)
     place = sheet.origin + sheet.axes @ (hinge + np.append(start, 0.0))
-    return hung, replace(sheet, shift=place - shoulder)
+    return hung, replace(sheet, shift=place - shoulder), misses
 
 
 def _settled(sheet: Sheet, plan: Array, body: Body, clearance: float) -> Sheet:
