@@ -30,6 +30,7 @@ from featherfx.solver.contact.run import (
     Sweep,
     Team,
     islands_before,
+    room_for_forces,
     no_colours,
 )
 from featherfx.solver.contact.search import ContactSearch, Searcher, new_touch
@@ -429,9 +430,15 @@ class ContactSolver:
             marks=marks,
             islands=islands,
             colours=self._colours,
+            joint=room_for_forces(islands, island, self._owners(island), self._listed),
         )
         self._team.solve(sweep)
         return sweep
+
+    def _owners(self, island: Indices) -> Indices:
+        """(K,) bodies whose islands (B,) the contacts are of."""
+        guest, host = self.found.contacts["guest"], self.found.contacts["host"]
+        return np.asarray(np.where((island[guest] >= 0) | (host < 0), guest, host))
 
     def _leeway(self, inertial: Array, elastic: Array, duration: float) -> Array:
         """(B, n, 1 + 2 m) N, that forces of an interval h (s) may be off by: in a time T they move

@@ -16,7 +16,9 @@ Data of the contacts of one search that the next one needs.
 
 from featherfx.algebra.vector_kernels import add, dot, scale, store, sub
 from featherfx.jit.compiled import kernel
+from featherfx.solver.contact.joint_kernels import given_force
 from featherfx.solver.contact.search_kernels import guest_place, side_normal
+from featherfx.solver.contact.types import LED
 
 # least part of a contact that a corner carries: it needs a stiffness to divide by
 _MIN_WEIGHT = 1e-6
@@ -62,7 +64,8 @@ def _measure(contact, now):
         host = now[contact.host]
         store(contact.normal, scale(contact.side, triangle_normal(host, contact)))
         store(contact.place_now, host_place(host, contact))
-    along = dot(contact.normal, sub(_guest(contact, now), contact.place_now))
+    store(contact.guest_now, _guest(contact, now))
+    along = dot(contact.normal, sub(contact.guest_now, contact.place_now))
     contact.gap = along - contact.thickness + contact.spared
 
 
@@ -274,7 +277,7 @@ def hand_out(body, touch, listed, mine, start, now, rules, planes):
             # together, and make momentum
             own = contact.guest_force if is_guest else contact.host_force
             if own > 0.0:
-                to = _hand_to(contact, body, start, now, rules, planes, to)
+                to = _hand_to(contact, body, (own, 0.0), start, now, rules, planes, to)
             continue
         if is_led(contact, body, mine):
             # the force of what is led is what the feather felt last
@@ -285,22 +288,63 @@ def hand_out(body, touch, listed, mine, start, now, rules, planes):
         force = contact.host_force if is_guest else contact.guest_force
         if force == 0.0 and contact.gap > rules.reach:
             continue
-        to = _hand_to(contact, body, start, now, rules, planes, to)
+        to = _hand_to(contact, body, (force, 0.0), start, now, rules, planes, to)
     return to
 
 
 @kernel
-def _hand_to(contact, body, start, now, rules, planes, to):
-    """Write the planes of one contact of a body, from the place to on; returns the place after."""
+def hand_out_together(body, touch, listed, joint, start, now, rules, planes):
+    """As hand_out, in a round in which forces are solved together."""
+    to = 0
+    for at in range(listed.first[body], listed.first[body + 1]):
+        contact = touch[listed.items[at]]
+        given = given_force(contact, contact.guest == body, joint)
+        if given[0] > 0.0 or contact.gap + given[1] <= rules.reach:
+            to = _hand_to(contact, body, given, start, now, rules, planes, to)
+    return to
+
+
+@kernel
+def take_felt(body, touch, listed, joint, now, rules, planes):
+    """Set the forces that a body felt of the planes that hand_out_together wrote, after it was
+    solved."""
+    to = 0
+    for at in range(listed.first[body], listed.first[body + 1]):
+        contact, felt = touch[listed.items[at]], 0.0
+        is_guest = contact.guest == body
+        given = given_force(contact, is_guest, joint)
+        if given[0] > 0.0 or contact.gap + given[1] <= rules.reach:
+            for _ in range((1 if contact.fraction == 0.0 else 2) if is_guest else 3):
+                strength, p = planes.strength[to], planes.node[to, 1]
+                p += rules.widest - rules.columns[body] if p > rules.columns[body] else 0
+                gap = dot(planes.normal[to], now[body, planes.node[to, 0], p])
+                felt += max(0.0, strength[1] - strength[0] * (gap - planes.offset[to, 1]))
+                to += 1
+        if contact.joint == LED:
+            # as in hand_out
+            if is_guest:
+                contact.host_force = contact.guest_force
+            else:
+                contact.guest_force = contact.host_force
+        if is_guest:
+            contact.guest_force = felt
+        else:
+            contact.host_force = felt
+
+
+@kernel
+def _hand_to(contact, body, given, start, now, rules, planes, to):
+    """Write the planes of one contact of a body, from the place to on; returns the place after.
+
+    given: N, force, and m, by which the other body is to open the gap.
+    """
+    force, ahead = given
     slip = sub(
-        sub(_guest(contact, now), _guest(contact, start)),
+        sub(contact.guest_now, _guest(contact, start)),
         sub(contact.place_now, contact.place_start),
     )
     is_guest = contact.guest == body
     parts = (1 if contact.fraction == 0.0 else 2) if is_guest else 3
-    # what the other felt, or, before it is solved, what this one felt itself
-    felt = is_guest == rules.beginning
-    force = contact.guest_force if felt else contact.host_force
     stiffness = contact.stiffness * (_GENTLE if rules.beginning else 1.0)
     for q in range(parts):
         if is_guest:
@@ -318,7 +362,7 @@ def _hand_to(contact, body, start, now, rules, planes, to):
         planes.node[to, 0] = row
         planes.node[to, 1] = p - (rules.widest - rules.columns[body] if p > rules.widest else 0)
         sign = 1.0 if is_guest else -1.0
-        _plane(contact, sign, now[body, row, p], start[body, row, p], slip, planes, to)
+        _plane(contact, sign, ahead, now[body, row, p], start[body, row, p], slip, planes, to)
         if rules.beginning:
             planes.offset[to, 0] = dot(planes.normal[to], start[body, row, p])
         to += 1
@@ -326,7 +370,7 @@ def _hand_to(contact, body, start, now, rules, planes, to):
 
 
 @kernel
-def _plane(contact, sign, x, begin, slip, planes, to):
+def _plane(contact, sign, ahead, x, begin, slip, planes, to):
     """The plane of one contact: at the point x the gap is the contact's gap and the slip its slip.
 
     sign: 1 for the guest, -1 for the host.
@@ -336,7 +380,7 @@ def _plane(contact, sign, x, begin, slip, planes, to):
     store(planes.target[to, 0], begin)
     store(planes.target[to, 1], sub(x, scale(sign, slip)))
     planes.offset[to, 0] = dot(normal, begin) - contact.start_gap
-    planes.offset[to, 1] = dot(normal, x) - contact.gap
+    planes.offset[to, 1] = dot(normal, x) - contact.gap - ahead
 
 
 @kernel

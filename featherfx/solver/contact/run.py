@@ -18,7 +18,7 @@ from featherfx.jit.compiled import KernelModule
 from featherfx.mechanics.model import Contacts, Loads, expand_wind
 from featherfx.solver.contact.state_rooms import StateBuffers, put
 from featherfx.solver.contact.surfaces import Grids
-from featherfx.solver.contact.types import ByBody, HandoverRules
+from featherfx.solver.contact.types import ByBody, HandoverRules, JointForces
 from featherfx.solver.scratch import make_matrices, make_scratch
 from featherfx.solver.solver import (
     COARSE_ERROR_RATIO,
@@ -43,6 +43,9 @@ Bytes = NDArray[np.int8]
 _UNEVEN, _UNEVEN_OF_FEW, _MANY = 0.75, 1.2, 32
 # bodies from which on threads make states of batches ready, and those of a batch at once
 _WORTH_IT, _AT_ONCE = 300, 256
+
+# contacts of a body whose forces are solved together, and weights of an island, at most
+_MOST_TOGETHER, _MOST_WEIGHTS = 512, 4_000_000
 
 # what a team takes tickets for: two kinds, in turns
 STEP_KINDS = 2
@@ -144,6 +147,7 @@ class Sweep(NamedTuple):
     marks: Marks
     islands: Islands
     colours: BodyColours
+    joint: JointForces
 
 
 class Team:
@@ -402,6 +406,38 @@ def islands_before(count: int, island: Indices, jobs: int) -> Islands:
         bodies=bodies,
         first=np.concatenate([[0], np.cumsum(sizes)]),
         alone=order[(sizes * jobs <= most)[order]] if jobs > 1 else order,
+    )
+
+
+def room_for_forces(
+    islands: Islands, island: Indices, owners: Indices, listed: ByBody
+) -> JointForces:
+    """Room for contact forces of islands that are solved together. island: (B,) of each body.
+    owners: (K,) of each contact, a body of its island."""
+    count, bodies = len(islands.rounds), len(island)
+    each = np.minimum(np.diff(listed.first), _MOST_TOGETHER) ** 2
+    solved = island >= 0
+    weights = np.bincount(island[solved], each[solved], minlength=count).astype(np.int64)
+    own = island[owners]
+    places = np.cumsum(np.bincount(own[own >= 0], minlength=count))
+    room = np.concatenate([[0], np.cumsum(np.minimum(weights, _MOST_WEIGHTS))])
+    total = int(places[-1]) if count else 0
+    first = np.concatenate([[0], places]).astype(np.int64)[:count]
+    return JointForces(
+        on=np.zeros(count, dtype=np.int8),
+        first=first,
+        last=np.zeros(count, dtype=np.int64),
+        room=room.astype(np.int64),
+        chosen=np.empty(total, dtype=np.int64),
+        count=np.zeros(bodies, dtype=np.int64),
+        items_at=np.zeros(bodies, dtype=np.int64),
+        weights_at=np.zeros(bodies, dtype=np.int64),
+        items=np.empty(2 * total, dtype=np.int64),
+        weights=np.empty(int(room[-1])),
+        moves=np.zeros(bodies, dtype=np.int8),
+        force=np.empty(total),
+        ahead=np.empty((total, 2)),
+        lines=np.empty((6, total)),
     )
 
 

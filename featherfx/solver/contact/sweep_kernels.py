@@ -15,14 +15,17 @@ from featherfx.algebra.vector_kernels import copy_values
 from featherfx.algebra.views import viewed
 from featherfx.jit.compiled import kernel
 from featherfx.solver.contact.colour_kernels import colour_island, colour_some
+from featherfx.solver.contact.joint_kernels import choose_forces, find_weights, solve_forces
 from featherfx.solver.contact.list_kernels import (
     closed_on_led,
     hand_out,
+    hand_out_together,
     is_pressed,
     is_shared,
     measure,
     residual,
     share_pinch,
+    take_felt,
     update,
 )
 from featherfx.solver.contact.types import HandoverRules
@@ -40,6 +43,9 @@ _CONTACTS, _BODIES = 1024, 64
 _ROUNDS_RATIO_OF_PAIRS = 2
 # rounds after which what pinches a body shares the depth that is left
 _PATIENCE = 4
+# part of what is off that a round with forces that are solved together may leave, or one follows
+# that hands them on
+_PROGRESS = 0.5
 
 
 @kernel
@@ -61,21 +67,28 @@ def _put(nodes, columns, to):
 
 
 @kernel
-def _hand(body, f, planes, reach, beginning, sweep):
-    """Write the planes of a body's contacts where feather f of its batch finds them."""
+def _handing(reach, beginning, sweep):
     given = sweep.handing
-    handing = HandoverRules(
-        given.friction,
-        given.smoothing,
-        reach,
-        given.widest,
-        given.columns,
-        beginning,
+    return HandoverRules(
+        given.friction, given.smoothing, reach, given.widest, given.columns, beginning
     )
+
+
+@kernel
+def _hand(body, f, planes, reach, beginning, together, sweep):
+    """Write the planes of a body's contacts where feather f of its batch finds them. together:
+    whether forces are solved together in this round."""
+    touch, listed, start, now = sweep.touch, sweep.listed, sweep.start, sweep.now
+    handing = _handing(reach, beginning, sweep)
     planes.first[f] = 0
-    planes.first[f + 1] = hand_out(
-        body, sweep.touch, sweep.listed, sweep.marks.mine, sweep.start, sweep.now, handing, planes
-    )
+    if together and not beginning:
+        planes.first[f + 1] = hand_out_together(
+            body, touch, listed, sweep.joint, start, now, handing, planes
+        )
+    else:
+        planes.first[f + 1] = hand_out(
+            body, touch, listed, sweep.marks.mine, start, now, handing, planes
+        )
 
 
 @kernel
@@ -104,9 +117,9 @@ def _with_matrix(work, kept, f):
 
 
 @kernel
-def _advance(body, thread, reach, frame, sweep):
+def _advance(body, thread, reach, frame, together, sweep):
     """Solve one body from the interval's start, with the forces that it feels now. frame:
-    StepSettings. Returns whether it could be solved."""
+    StepSettings. together: of _hand. Returns whether it could be solved."""
     batches, marks = sweep.batches, sweep.marks
     g, f = batches.batch[body], batches.place[body]
     own = thread * batches.model.words.shape[0] + g
@@ -121,10 +134,10 @@ def _advance(body, thread, reach, frame, sweep):
     settings = scale_settings(frame, model.length[f])
     if old.step[f] == 0.0:
         kept.matrices.pace[f] = 0.0
-        _hand(body, f, loads.contacts, reach, True, sweep)
+        _hand(body, f, loads.contacts, reach, True, together, sweep)
         start_acceleration(model, loads, f, path, settings, old, work)
         old.step[f] = _BEGUN
-    _hand(body, f, loads.contacts, reach, False, sweep)
+    _hand(body, f, loads.contacts, reach, False, together, sweep)
     _take(
         viewed(batches.rows_old, g),
         viewed(batches.rows_new, g),
@@ -151,7 +164,12 @@ def _advance(body, thread, reach, frame, sweep):
     if length >= 0.999 * frame.shortest and not 0.0 < old.proposal[f] <= length:
         # in steps as long as were taken: longer ones would be rejected again
         old.proposal[f] = length
-    update(body, sweep.touch, sweep.listed, sweep.now)
+    if together:
+        rules = _handing(reach, False, sweep)
+        planes = loads.contacts
+        take_felt(body, sweep.touch, sweep.listed, sweep.joint, sweep.now, rules, planes)
+    else:
+        update(body, sweep.touch, sweep.listed, sweep.now)
     first, near = sweep.touching
     marks.moved[body] = 1
     for at in range(first[body], first[body + 1]):
@@ -167,12 +185,12 @@ def _solve(body, thread, reach, sweep):
     impulse, equal and opposite.
     """
     alone = not is_pressed(body, sweep.touch, sweep.listed)
-    if alone and not _advance(body, thread, reach, sweep.alone, sweep):
+    if alone and not _advance(body, thread, reach, sweep.alone, False, sweep):
         return
     if alone and not is_pressed(body, sweep.touch, sweep.listed):
         return
     shared = is_shared(body, sweep.touch, sweep.listed, sweep.marks.mine)
-    _advance(body, thread, reach, sweep.shared if shared else sweep.step, sweep)
+    _advance(body, thread, reach, sweep.shared if shared else sweep.step, False, sweep)
 
 
 @kernel
@@ -235,6 +253,7 @@ def _close(island, number, sweep):
     """End an island that is done after so many rounds."""
     marks, islands, rules = sweep.marks, sweep.islands, sweep.rules
     anew = rules.friction and number == 1 and rules.rounds > 1
+    before, worst_before = sweep.joint.on[island] != 0, islands.worst[island]
     islands.worst[island], islands.rounds[island] = 0.0, number
     low, high = islands.first[island], islands.first[island + 1]
     most = rules.rounds * (_ROUNDS_RATIO_OF_PAIRS if high - low == 2 else 1)
@@ -248,8 +267,14 @@ def _close(island, number, sweep):
         elif anew and closed_on_led(body, sweep.touch, sweep.listed, marks.mine):
             worst, marks.active[body] = np.inf, 1
         islands.worst[island] = max(islands.worst[island], worst)
+    sweep.joint.on[island] = 0
     if number >= most or islands.worst[island] < 1.0:
         islands.open[island] = 0
+    elif number > 0 and not (before and islands.worst[island] > _PROGRESS * worst_before):
+        sweep.joint.on[island] = 1 if choose_forces(island, sweep) else 0
+        for at in range(low, high):
+            if sweep.joint.on[island] != 0 and marks.mine[islands.bodies[at]] != 0:
+                marks.active[islands.bodies[at]] = 1
 
 
 @kernel
@@ -260,22 +285,70 @@ def _reach(number, sweep):
 
 
 @kernel
+def _measure_own(body, sweep):
+    """Measure the contacts of a body."""
+    for at in range(sweep.listed.first[body], sweep.listed.first[body + 1]):
+        k = sweep.listed.items[at]
+        measure(sweep.touch, k, k + 1, sweep.now)
+
+
+@kernel
+def _solve_together(body, thread, reach, sweep):
+    """Solve one body with the forces that were solved together."""
+    if sweep.joint.moves[body] != 0:
+        _advance(body, thread, reach, sweep.shared, True, sweep)
+
+
+@kernel
 def _solve_alone(island, thread, sweep):
     """All rounds of an island by one thread."""
     islands, colours, number = sweep.islands, sweep.colours, 0
     low, high = islands.first[island], islands.first[island + 1]
     while True:
+        if sweep.joint.on[island] != 0:
+            for at in range(low, high):
+                _measure_own(islands.bodies[at], sweep)
         for at in range(low, high):
             _look(islands.bodies[at], number, sweep)
         _close(island, number, sweep)
         if islands.open[island] == 0:
             return
         number += 1
+        if sweep.joint.on[island] != 0:
+            for at in range(low, high):
+                find_weights(islands.bodies[at], thread, sweep)
+            solve_forces(island, sweep)
+            for at in range(low, high):
+                _solve_together(islands.bodies[at], thread, _reach(number, sweep), sweep)
+            continue
         most = colour_island(island, sweep.touching, sweep.marks, islands, colours)
         for c in range(most):
             for at in range(low, high):
                 if colours.colour[islands.bodies[at]] == c:
                     _solve(islands.bodies[at], thread, _reach(number, sweep), sweep)
+
+
+@kernel
+def _join(team, size, thread, kind, count, sweep):
+    """Solve the forces of the islands of this round that are solved together; returns the kind of
+    tickets to go on with."""
+    joint, islands, colours = sweep.joint, sweep.islands, sweep.colours
+    while True:
+        at = ticket(team, kind)
+        if at >= count:
+            break
+        body = colours.bodies[at]
+        if joint.on[sweep.marks.island[body]] != 0:
+            find_weights(body, thread, sweep)
+    meet(team, size)
+    kind = 1 - kind
+    if thread == 0:
+        forget_tickets(team, 1 - kind)
+        for island in range(islands.open.shape[0]):
+            if islands.open[island] != 0 and joint.on[island] != 0:
+                solve_forces(island, sweep)
+    meet(team, size)
+    return kind
 
 
 @kernel
@@ -297,6 +370,12 @@ def solve_rounds(thread, team, size, sweep):
         kind = 1 - kind
         if thread == 0:
             forget_tickets(team, 1 - kind)
+        if sweep.joint.on.any():
+            _measure(team, size, kind, sweep)
+            meet(team, size)
+            kind = 1 - kind
+            if thread == 0:
+                forget_tickets(team, 1 - kind)
         _judge(team, size, kind, number, sweep)
         meet(team, size)
         kind = 1 - kind
@@ -312,8 +391,13 @@ def solve_rounds(thread, team, size, sweep):
             return
         number += 1
         reach, count = _reach(number, sweep), colours.first[colours.number[0]]
+        kind = _join(team, size, thread, kind, count, sweep)
         while True:
             at = ticket(team, kind)
             if at >= count:
                 break
-            _solve_after(colours.bodies[at], thread, reach, sweep)
+            body = colours.bodies[at]
+            if sweep.joint.on[sweep.marks.island[body]] != 0:
+                _solve_together(body, thread, reach, sweep)
+            else:
+                _solve_after(body, thread, reach, sweep)

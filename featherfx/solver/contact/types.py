@@ -22,15 +22,18 @@ RIM_SAMPLES = 4
 # there at the start.
 # Forces, N, that guest and host feel; stiffness, N/m, of the spring that each of them is pressed
 # against, and stiffest: that it may become; leeway: m, misfit that rounds may leave; before: m, its
-# gap one solve ago. place_start, place_now: m, of the host's point.
+# gap one solve ago. place_start, place_now: m, of the host's point; guest_now: the guest's. joint: its place among
+# the forces that are solved together (JointForces), LED: a spring there, APART: not among them.
 CONTACT_DTYPE = np.dtype(
     [(name, "i8") for name in ("pair", "row", "column", "point", "guest", "host", "side", "mirror")]
     + [("corner", "i8", (3, 2)), ("weight", "f8", (3,)), ("normal", "f8", (3,))]
     + [(name, "f8") for name in ("start_gap", "gap", "thickness", "spared", "fraction")]
     + [(name, "f8") for name in ("guest_force", "host_force", "stiffness", "stiffest")]
     + [(name, "f8") for name in ("leeway", "before")]
-    + [("place_start", "f8", (3,)), ("place_now", "f8", (3,))]
+    + [(name, "f8", (3,)) for name in ("place_start", "place_now", "guest_now")]
+    + [("joint", "i8")]
 )
+LED, APART = -2, -1
 # (K,) of CONTACT_DTYPE
 Touch = NDArray[Any]
 
@@ -224,3 +227,27 @@ class GroundSurface(NamedTuple):
     under: Indices
     deepest: float
     beginning: int
+
+
+class JointForces(NamedTuple):
+    """Contact forces of islands that are solved together (joint_kernels). first: (I,) and last: (I,)
+    places of each island, room: (I + 1,) of its weights; chosen: (P,) contacts. Of B bodies: count, the
+    contacts of theirs that are among these, items_at and weights_at: where items (2 P,), their
+    places, and weights, the (count, count) displacements by unit forces (m/N), begin; moves:
+    whether they are solved anew. force: (P,) N, given; ahead: (P, 2) m, by which guest and host are
+    to open the gap. lines: (6, P) scratch. on: (I,) whether they are in this round."""
+
+    on: Bytes
+    first: Indices
+    last: Indices
+    room: Indices
+    chosen: Indices
+    count: Indices
+    items_at: Indices
+    weights_at: Indices
+    items: Indices
+    weights: Array
+    moves: Bytes
+    force: Array
+    ahead: Array
+    lines: Array

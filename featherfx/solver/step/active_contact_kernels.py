@@ -47,7 +47,7 @@ def followed_contacts(model, contacts, f):
 
 
 @kernel
-def _place(row, p, columns):
+def barb_place(row, p, columns):
     """Row, side and place on the barb of a node p of a row."""
     side = 1 if p > columns else 0
     return row, side, p - side * columns
@@ -55,7 +55,7 @@ def _place(row, p, columns):
 
 @kernel
 def _place_of(contacts, c, model):
-    return _place(contacts.node[c, 0], contacts.node[c, 1], model.joints.shape[3])
+    return barb_place(contacts.node[c, 0], contacts.node[c, 1], model.joints.shape[3])
 
 
 @kernel
@@ -67,19 +67,19 @@ def _unknown(place, a, jacobian):
 
 
 @kernel
-def _along(normal, place, line):
+def along_normal(normal, place, line):
     """Part along a normal of a node's vector in lines (3 S) of a barb's."""
     size, j = line.shape[0] // 3, place[2]
     return normal[0] * line[j] + normal[1] * line[size + j] + normal[2] * line[2 * size + j]
 
 
 @kernel
-def _slopes(direction, place, held, work, slopes):
+def node_slopes(direction, place, held, work, slopes):
     """Compute how far a node goes in a direction with each increment of its row and side, in the
     matrix's coordinates (w,); not with those of a root that is held."""
     lines = work.jacobian[place[0], place[1]]
     for a in range(lines.shape[0]):
-        slopes[a] = _along(direction, place, lines[a])
+        slopes[a] = along_normal(direction, place, lines[a])
     turn = work.closing.turns[place[0]]
     for a in (0, 3):
         store(slopes[a:], rotate(turn, (slopes[a], slopes[a + 1], slopes[a + 2])))
@@ -89,14 +89,14 @@ def _slopes(direction, place, held, work, slopes):
 
 
 @kernel
-def _put(slopes, place, factor, jacobian, right):
+def put_force(slopes, place, factor, jacobian, right):
     """Add a force along a direction with such slopes (w,), N, to forces (N,)."""
     for a in range(slopes.shape[0]):
         right[_unknown(place, a, jacobian)] += factor * slopes[a]
 
 
 @kernel
-def _put_product(slopes, others, place, factor, jacobian, band):
+def put_product(slopes, others, place, factor, jacobian, band):
     """Add to a band the symmetric matrix factor * slopes others^T, (w,) each."""
     for a in range(slopes.shape[0]):
         at = _unknown(place, a, jacobian)
@@ -110,14 +110,14 @@ def _put_node(stiff, place, held, work):
     closing, band, axes = work.closing, work.system.band, work.closing.slopes
     for k in range(3):
         unit = 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0
-        _slopes(unit, place, held, work, axes[k])
+        node_slopes(unit, place, held, work, axes[k])
     x, y, z, pulled = axes[0], axes[1], axes[2], closing.pulled
     for a in range(x.shape[0]):
         pulled[0, a] = stiff[0] * x[a] + stiff[3] * y[a] + stiff[4] * z[a]
         pulled[1, a] = stiff[3] * x[a] + stiff[1] * y[a] + stiff[5] * z[a]
         pulled[2, a] = stiff[4] * x[a] + stiff[5] * y[a] + stiff[2] * z[a]
     for k in range(3):
-        _put_product(axes[k], pulled[k], place, 1.0, work.jacobian, band)
+        put_product(axes[k], pulled[k], place, 1.0, work.jacobian, band)
 
 
 @kernel
@@ -149,7 +149,7 @@ def add_contacts_to_matrix(model, contacts, f, fraction, points, before, work):
         for p in range(points.shape[1]):
             stiff = closing.stiff[i, p]
             if stiff[0] + stiff[1] + stiff[2] > 0.0:
-                _put_node(stiff, _place(i, p, model.joints.shape[3]), held, work)
+                _put_node(stiff, barb_place(i, p, model.joints.shape[3]), held, work)
     copy_values(work.system.band, closing.band)
 
 
@@ -164,12 +164,12 @@ def linearise_contacts(model, contacts, f, fraction, points, work):
         closing.push[c - first] = push
         if (push > 0.0) != is_on:
             place = _place_of(contacts, c, model)
-            _slopes(contacts.normal[c], place, model.held[f], work, slopes)
-            _put(slopes, place, push if is_on else -push, work.jacobian, right)
+            node_slopes(contacts.normal[c], place, model.held[f], work, slopes)
+            put_force(slopes, place, push if is_on else -push, work.jacobian, right)
 
 
 @kernel
-def _go(step, jacobian, closing):
+def move_nodes(step, jacobian, closing):
     """Compute how far a step (N,) moves the nodes of all barbs, m: to closing.nodes (n, 2, 3 S)."""
     nodes, own = closing.nodes, closing.slopes[0]
     nodes[:] = 0.0
@@ -192,21 +192,21 @@ def switch_contacts(model, contacts, f, step, back, work):
     first, last = followed_contacts(model, contacts, f)
     changed = 0
     if last > first:
-        _go(step, jacobian, closing)
+        move_nodes(step, jacobian, closing)
     for c in range(first, last):
         k, place = c - first, _place_of(contacts, c, model)
         stiffness, sign = (
             contacts.strength[c, CONTACT_STIFFNESS],
             -1.0 if closing.on[k] != 0 else 1.0,
         )
-        opened = _along(contacts.normal[c], place, closing.nodes[place[0], place[1]])
+        opened = along_normal(contacts.normal[c], place, closing.nodes[place[0], place[1]])
         depth = closing.push[k] / stiffness - opened
         if back:
             depth = 1.0 if contacts.strength[c, CONTACT_FORCE] > 0.0 else -1.0
         if sign * depth > _GAP_CLEARANCE:
             closing.on[k] = 1 - closing.on[k]
-            _slopes(contacts.normal[c], place, model.held[f], work, slopes)
-            _put_product(slopes, slopes, place, sign * stiffness, jacobian, closing.band)
-            _put(slopes, place, sign * closing.push[k], jacobian, closing.right)
+            node_slopes(contacts.normal[c], place, model.held[f], work, slopes)
+            put_product(slopes, slopes, place, sign * stiffness, jacobian, closing.band)
+            put_force(slopes, place, sign * closing.push[k], jacobian, closing.right)
             changed += 1
     return changed
