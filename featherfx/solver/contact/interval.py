@@ -30,8 +30,8 @@ from featherfx.solver.contact.run import (
     Sweep,
     Team,
     islands_before,
-    room_for_forces,
     no_colours,
+    room_for_forces,
 )
 from featherfx.solver.contact.search import ContactSearch, Searcher, new_touch
 from featherfx.solver.contact.surfaces import (
@@ -448,7 +448,7 @@ class ContactSolver:
         """
         part = duration / max(duration, _FRAMES * self.settings.frame)
         left, least = _LEFT * self.settings.tolerance, _MIN_RESIDUAL * (inertial + elastic)
-        return np.maximum(left * (part**2 * inertial + elastic), least)
+        return np.maximum(left * (part**1.5 * inertial + elastic), least)
 
     def _handing(self, run: BatchRun) -> HandoverRules:
         slip = self.settings.smoothing * run.duration

@@ -31,16 +31,21 @@ from featherfx.solver.step.active_contact_kernels import (
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
 from featherfx.solver.step.pose_kernels import barb_jacobians, joint_axes, load_pose, place_points
 
-# gaps up to which open contacts are among the forces, over the largest that should be closed
-_NEAR = 1.0
-# part of a contact's own compliance by which forces are held where they were
-_HELD = 1e-3
-# iterations at most; part of what rounds may leave to which gaps are closed, and forces change
-_MAX_ITERATIONS, _CLOSED, _CHANGED = 300, 0.1, 0.25
-# what is left of all gaps on forces over what lies on those that should be zero (Gamma^2)
+# contacts chosen over those that are closed, at most
+_SPARE = 1.5
+# gap that may stay for a change as large as the mean force of a body, over what rounds may leave;
+# and part of the displacement by a force that it may be short of
+_HELD, _LEAST_HELD = 10.0, 1e-5
+# N, that no force of an island is
+_NO_FORCE = 1e-30
+# iterations at most; gaps that they may leave, over what rounds may leave and over what is off;
+# change of a force for which a body is solved, over what rounds may leave
+_MAX_ITERATIONS, _CLOSED, _CLOSED_RATIO, _CHANGED = 300, 0.1, 0.02, 0.1
+# square of the gradient of forces that are 0 over that of the others, beyond which they grow
 _PROPORTION = 1.0
-# lines of scratch: gradient, direction, image, sizes of the forces, their last values
-_GRADIENT, _DIRECTION, _IMAGE, _SIZE, _LAST, _HOLD = 0, 1, 2, 3, 4, 5
+# lines of scratch: in sizes of their own, gradient, direction and its image; these sizes, the
+# compliance by which forces are held, and forces
+_GRADIENT, _DIRECTION, _IMAGE, _SIZE, _HOLD, _FORCE = 0, 1, 2, 3, 4, 5
 
 
 @kernel
@@ -50,34 +55,58 @@ def _owner(contact, island, marks):
 
 
 @kernel
+def _is_led(contact, marks):
+    return contact.host < 0 or marks.mine[contact.guest] == 0 or marks.mine[contact.host] == 0
+
+
+@kernel
+def _is_closed(contact):
+    """Return whether a contact presses, or should."""
+    return contact.guest_force > 0.0 or contact.host_force > 0.0 or contact.gap < 0.0
+
+
+@kernel
+def _serves(island, sweep):
+    """Return whether the contacts chosen before are about those of an island that are closed."""
+    islands, marks, listed = sweep.islands, sweep.marks, sweep.listed
+    closed, chosen = 0, sweep.joint.last[island] - sweep.joint.first[island]
+    for at in range(islands.first[island], islands.first[island + 1]):
+        body = islands.bodies[at]
+        for k in range(listed.first[body], listed.first[body + 1]):
+            contact = sweep.touch[listed.items[k]]
+            if _owner(contact, island, marks) == body and _is_closed(contact):
+                if contact.joint == APART or _is_led(contact, marks) != (contact.joint == LED):
+                    return False
+                closed += 1 if contact.joint >= 0 else 0
+    return closed > 0 and chosen <= _SPARE * closed
+
+
+@kernel
 def choose_forces(island, sweep):
     """Choose the contacts of an island whose forces are solved together; returns whether there are
     any, and room for them."""
     islands, marks, joint = sweep.islands, sweep.marks, sweep.joint
-    low, high = islands.first[island], islands.first[island + 1]
-    reach = 0.0
-    for at in range(low, high):
+    touch, listed, place = sweep.touch, sweep.listed, joint.first[island]
+    joint.fresh[island] = 0
+    if joint.last[island] > place and _serves(island, sweep):
+        return True
+    joint.fresh[island] = 1
+    for at in range(islands.first[island], islands.first[island + 1]):
         body = islands.bodies[at]
         if marks.soft[body] != 0:
             return False
-        reach = max(reach, _NEAR * marks.worst[body])
-    place, (touch, listed) = joint.first[island], (sweep.touch, sweep.listed)
-    for at in range(low, high):
-        body = islands.bodies[at]
         for k in range(listed.first[body], listed.first[body + 1]):
             contact = touch[listed.items[k]]
             if _owner(contact, island, marks) != body:
                 continue
-            pressed = contact.guest_force > 0.0 or contact.host_force > 0.0
             contact.joint = APART
-            if contact.host < 0 or marks.mine[contact.guest] == 0 or marks.mine[contact.host] == 0:
-                contact.joint = LED if pressed else APART
-            elif pressed or contact.gap < reach:
-                contact.joint = place
+            if _is_closed(contact):
+                contact.joint = LED if _is_led(contact, marks) else place
+            if contact.joint >= 0:
                 joint.chosen[place] = listed.items[k]
                 place += 1
     joint.last[island] = place
-    return _make_room(island, sweep) and place > joint.first[island]
+    return place > joint.first[island] and _make_room(island, sweep)
 
 
 @kernel
@@ -102,7 +131,11 @@ def _make_room(island, sweep):
 def _part(contact, is_guest, q):
     """Row, point and weight of part q of a contact on a body."""
     if is_guest:
-        return contact.row + q, contact.point, contact.fraction if q == 1 else 1.0 - contact.fraction
+        return (
+            contact.row + q,
+            contact.point,
+            contact.fraction if q == 1 else 1.0 - contact.fraction,
+        )
     return contact.corner[q, 0], contact.corner[q, 1], contact.weight[q]
 
 
@@ -173,8 +206,10 @@ def find_weights(body, thread, sweep):
     g, f = batches.batch[body], batches.place[body]
     model = viewed(batches.model, g)
     weights = joint.weights[to : to + count * count]
+    if count == 0 or (joint.fresh[sweep.marks.island[body]] == 0 and weights[0] > 0.0):
+        return
     weights[:] = 0.0
-    if count == 0 or sweep.marks.solves[body] == 0 or model.joints.shape[3] == 0:
+    if sweep.marks.solves[body] == 0 or model.joints.shape[3] == 0:
         return
     work = viewed(batches.work, thread * batches.model.words.shape[0] + g)
     if not _factorise_last(body, g, f, work, sweep):
@@ -199,7 +234,7 @@ def _felt(contact, body):
 
 @kernel
 def _multiply(island, forces, image, sweep):
-    """Displacements at the places of an island under forces there, added to image."""
+    """Add the displacements at the places of an island under forces there to an image."""
     islands, joint = sweep.islands, sweep.joint
     for at in range(islands.first[island], islands.first[island + 1]):
         body = islands.bodies[at]
@@ -213,55 +248,74 @@ def _multiply(island, forces, image, sweep):
 
 
 @kernel
+def _opening(k, body, row, sweep):
+    """Return by how much (m) a body opens a gap, its place k, with the forces found instead of
+    those that it felt. row: where its weights begin."""
+    joint, total, first = sweep.joint, 0.0, sweep.joint.items_at[body]
+    for j in range(joint.count[body]):
+        place = joint.items[first + j]
+        felt = _felt(sweep.touch[joint.chosen[place]], body)
+        total += joint.weights[row + j] * (joint.force[place] - felt)
+    return total
+
+
+@kernel
 def _begin(island, low, high, sweep):
-    """Sizes of the forces, their first values, and the gradient there; returns a bound of the
-    matrix's norm."""
+    """Begin with the mean of what both bodies felt: the gaps to the gradient, and sizes with which
+    each force alone opens its gap by as much."""
     islands, joint, touch = sweep.islands, sweep.joint, sweep.touch
-    size, gradient, image = joint.lines[_SIZE], joint.lines[_GRADIENT], joint.lines[_IMAGE]
+    size, gradient, total = joint.lines[_SIZE], joint.lines[_GRADIENT], 0.0
     for k in range(low, high):
         contact = touch[joint.chosen[k]]
         joint.force[k] = 0.5 * (contact.guest_force + contact.host_force)
-        joint.lines[_LAST, k], gradient[k] = joint.force[k], contact.gap
-        size[k] = image[k] = 0.0
+        gradient[k], size[k] = contact.gap, 0.0
+        total += joint.force[k]
     for at in range(islands.first[island], islands.first[island + 1]):
         body = islands.bodies[at]
         count, first, row = joint.count[body], joint.items_at[body], joint.weights_at[body]
         for k in range(count):
             size[joint.items[first + k]] += joint.weights[row + k]
-            for j in range(count):
-                place = joint.items[first + j]
-                more = joint.force[place] - _felt(touch[joint.chosen[place]], body)
-                gradient[joint.items[first + k]] += joint.weights[row + j] * more
+            gradient[joint.items[first + k]] += _opening(k, body, row, sweep)
             row += count
+    mean = max(total, _NO_FORCE) / (islands.first[island + 1] - islands.first[island])
     for k in range(low, high):
-        size[k] = 1.0 / sqrt((1.0 + _HELD) * size[k]) if size[k] > 0.0 else 0.0
+        held = _HELD * touch[joint.chosen[k]].leeway / mean + _LEAST_HELD * size[k]
+        size[k] = 1.0 / sqrt(size[k] + held) if size[k] > 0.0 else 0.0
+        joint.lines[_HOLD, k] = held * size[k] * size[k]
         gradient[k] *= size[k]
+
+
+@kernel
+def _bound(island, low, high, sweep):
+    """Return an upper bound of the norm of the matrix."""
+    islands, joint, bound = sweep.islands, sweep.joint, 0.0
+    size, image = joint.lines[_SIZE], joint.lines[_IMAGE]
+    for k in range(low, high):
+        image[k] = joint.lines[_HOLD, k]
     for at in range(islands.first[island], islands.first[island + 1]):
         body = islands.bodies[at]
         count, first, row = joint.count[body], joint.items_at[body], joint.weights_at[body]
         for k in range(count):
             own = size[joint.items[first + k]]
             for j in range(count):
-                image[joint.items[first + k]] += abs(
-                    own * joint.weights[row + j] * size[joint.items[first + j]]
-                )
+                more = own * joint.weights[row + j] * size[joint.items[first + j]]
+                image[joint.items[first + k]] += abs(more)
             row += count
-    bound = 0.0
     for k in range(low, high):
         bound = max(bound, image[k])
-    return bound + _HELD
+    return bound
 
 
 @kernel
 def _apply(island, low, high, sweep):
     """Image of the direction."""
     lines = sweep.joint.lines
-    direction, image, size, held = lines[_DIRECTION], lines[_IMAGE], lines[_SIZE], lines[_HOLD]
+    direction, image, size, held = lines[_DIRECTION], lines[_IMAGE], lines[_SIZE], lines[_FORCE]
     for k in range(low, high):
         image[k], held[k] = 0.0, size[k] * direction[k]
     _multiply(island, held, image, sweep)
     for k in range(low, high):
-        image[k] = size[k] * image[k] + _HELD / (1.0 + _HELD) * direction[k]
+        image[k] = size[k] * image[k] + lines[_HOLD, k] * direction[k]
 
 
 @kernel
@@ -355,62 +409,59 @@ def _point_down(low, high, sweep):
 
 
 @kernel
-def solve_forces(island, sweep):
-    """Find the forces of an island; returns iterations."""
-    joint = sweep.joint
-    low, high = joint.first[island], joint.last[island]
-    step = 1.0 / _begin(island, low, high, sweep)
+def _proportion(island, low, high, sweep):
+    """Let forces of 0 grow that should be more."""
+    lines, slope, bend = sweep.joint.lines, 0.0, 0.0
+    for k in range(low, high):
+        lines[_DIRECTION, k] = _chopped(k, sweep.joint)
+    _apply(island, low, high, sweep)
+    for k in range(low, high):
+        slope += lines[_GRADIENT, k] * lines[_DIRECTION, k]
+        bend += lines[_DIRECTION, k] * lines[_IMAGE, k]
+    _go(low, high, slope / bend, sweep)
     _point_down(low, high, sweep)
-    number = 0
-    for number in range(_MAX_ITERATIONS):
-        free, chopped, worst = _measure_gradient(low, high, step, sweep)
-        if worst < _CLOSED:
-            break
-        if chopped <= _PROPORTION * free:
-            if not _conjugate(island, low, high, step, sweep):
-                break
-            continue
-        for k in range(low, high):
-            joint.lines[_DIRECTION, k] = _chopped(k, joint)
-        _apply(island, low, high, sweep)
-        slope, bend = 0.0, 0.0
-        for k in range(low, high):
-            slope += joint.lines[_GRADIENT, k] * joint.lines[_DIRECTION, k]
-            bend += joint.lines[_DIRECTION, k] * joint.lines[_IMAGE, k]
-        _go(low, high, slope / bend, sweep)
-        _point_down(low, high, sweep)
-    _head(island, low, high, sweep)
-    return number
 
 
 @kernel
-def _head(island, low, high, sweep):
-    """Tell which bodies of an island are solved with the forces found, and by how much they are to
-    open their gaps."""
-    islands, joint, touch = sweep.islands, sweep.joint, sweep.touch
+def solve_forces(island, sweep):
+    """Find the forces of an island, which bodies are solved with them, and by how much each of
+    these is to open its gaps."""
+    joint = sweep.joint
+    low, high = joint.first[island], joint.last[island]
+    _begin(island, low, high, sweep)
+    bound = _bound(island, low, high, sweep)
+    _point_down(low, high, sweep)
+    goal = max(_CLOSED, _CLOSED_RATIO * sweep.islands.worst[island])
+    for _ in range(_MAX_ITERATIONS if bound > 0.0 else 0):
+        free, chopped, worst = _measure_gradient(low, high, 1.0 / bound, sweep)
+        if worst < goal:
+            break
+        if chopped > _PROPORTION * free:
+            _proportion(island, low, high, sweep)
+        elif not _conjugate(island, low, high, 1.0 / bound, sweep):
+            break
     for k in range(low, high):
         joint.ahead[k, 0] = joint.ahead[k, 1] = 0.0
-    for at in range(islands.first[island], islands.first[island + 1]):
-        body = islands.bodies[at]
-        count, first, row = joint.count[body], joint.items_at[body], joint.weights_at[body]
-        joint.moves[body] = 0
-        if sweep.marks.mine[body] == 0:
-            continue
+    for at in range(sweep.islands.first[island], sweep.islands.first[island + 1]):
+        _head(sweep.islands.bodies[at], bound, sweep)
+
+
+@kernel
+def _head(body, bound, sweep):
+    """Note whether a body is solved with the forces found, and by how much it is to open gaps."""
+    joint, touch = sweep.joint, sweep.touch
+    count, first, row = joint.count[body], joint.items_at[body], joint.weights_at[body]
+    joint.moves[body], moves = 0, False
+    for k in range(count if sweep.marks.mine[body] != 0 and bound > 0.0 else 0):
+        contact = touch[joint.chosen[joint.items[first + k]]]
+        change = abs(joint.force[joint.items[first + k]] - _felt(contact, body))
+        moves = moves or change > _CHANGED * contact.leeway * contact.stiffness
+    if moves:
+        joint.moves[body] = 1
         for k in range(count):
             place = joint.items[first + k]
-            contact = touch[joint.chosen[place]]
-            more = abs(joint.force[place] - _felt(contact, body)) / contact.stiffness
-            if more > _CHANGED * contact.leeway:
-                joint.moves[body] = 1
-        if joint.moves[body] == 0:
-            continue
-        for k in range(count):
-            total, own = 0.0, joint.items[first + k]
-            for j in range(count):
-                place = joint.items[first + j]
-                more = joint.force[place] - _felt(touch[joint.chosen[place]], body)
-                total += joint.weights[row + j] * more
-            joint.ahead[own, 0 if touch[joint.chosen[own]].guest == body else 1] = total
+            side = 0 if touch[joint.chosen[place]].guest == body else 1
+            joint.ahead[place, side] = _opening(k, body, row, sweep)
             row += count
 
 

@@ -425,6 +425,7 @@ def room_for_forces(
     first = np.concatenate([[0], places]).astype(np.int64)[:count]
     return JointForces(
         on=np.zeros(count, dtype=np.int8),
+        fresh=np.zeros(count, dtype=np.int8),
         first=first,
         last=np.zeros(count, dtype=np.int64),
         room=room.astype(np.int64),

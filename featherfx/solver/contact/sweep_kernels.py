@@ -39,13 +39,10 @@ from featherfx.solver.step.step_control_kernels import scale_settings
 _BEGUN = -1.0
 # contacts, and bodies, that a thread takes at a time
 _CONTACTS, _BODIES = 1024, 64
-# most rounds of two bodies, which take little time, over those of more
-_ROUNDS_RATIO_OF_PAIRS = 2
 # rounds after which what pinches a body shares the depth that is left
 _PATIENCE = 4
-# part of what is off that a round with forces that are solved together may leave, or one follows
-# that hands them on
-_PROGRESS = 0.5
+# part of what is off that forces solved together may leave, or they are handed on in the next round
+_PROGRESS = 0.9
 
 
 @kernel
@@ -256,7 +253,6 @@ def _close(island, number, sweep):
     before, worst_before = sweep.joint.on[island] != 0, islands.worst[island]
     islands.worst[island], islands.rounds[island] = 0.0, number
     low, high = islands.first[island], islands.first[island + 1]
-    most = rules.rounds * (_ROUNDS_RATIO_OF_PAIRS if high - low == 2 else 1)
     for at in range(low, high):
         body = islands.bodies[at]
         if marks.mine[body] == 0:
@@ -268,7 +264,7 @@ def _close(island, number, sweep):
             worst, marks.active[body] = np.inf, 1
         islands.worst[island] = max(islands.worst[island], worst)
     sweep.joint.on[island] = 0
-    if number >= most or islands.worst[island] < 1.0:
+    if number >= rules.rounds or islands.worst[island] < 1.0:
         islands.open[island] = 0
     elif number > 0 and not (before and islands.worst[island] > _PROGRESS * worst_before):
         sweep.joint.on[island] = 1 if choose_forces(island, sweep) else 0

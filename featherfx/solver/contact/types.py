@@ -21,19 +21,18 @@ RIM_SAMPLES = 4
 # start and now; thickness: sum of both halves, less Candidates.depth; spared: of a depth that was
 # there at the start.
 # Forces, N, that guest and host feel; stiffness, N/m, of the spring that each of them is pressed
-# against, and stiffest: that it may become; leeway: m, misfit that rounds may leave; before: m, its
-# gap one solve ago. place_start, place_now: m, of the host's point; guest_now: the guest's. joint: its place among
-# the forces that are solved together (JointForces), LED: a spring there, APART: not among them.
+# against; leeway: m, misfit that rounds may leave. place_start, place_now: m, of the host's point;
+# guest_now: the guest's. joint: its place among the forces that are solved together (JointForces),
+# LED where what is led presses it, else APART.
+LED, APART = -2, -1
 CONTACT_DTYPE = np.dtype(
     [(name, "i8") for name in ("pair", "row", "column", "point", "guest", "host", "side", "mirror")]
     + [("corner", "i8", (3, 2)), ("weight", "f8", (3,)), ("normal", "f8", (3,))]
     + [(name, "f8") for name in ("start_gap", "gap", "thickness", "spared", "fraction")]
-    + [(name, "f8") for name in ("guest_force", "host_force", "stiffness", "stiffest")]
-    + [(name, "f8") for name in ("leeway", "before")]
+    + [(name, "f8") for name in ("guest_force", "host_force", "stiffness", "leeway")]
     + [(name, "f8", (3,)) for name in ("place_start", "place_now", "guest_now")]
     + [("joint", "i8")]
 )
-LED, APART = -2, -1
 # (K,) of CONTACT_DTYPE
 Touch = NDArray[Any]
 
@@ -230,14 +229,18 @@ class GroundSurface(NamedTuple):
 
 
 class JointForces(NamedTuple):
-    """Contact forces of islands that are solved together (joint_kernels). first: (I,) and last: (I,)
-    places of each island, room: (I + 1,) of its weights; chosen: (P,) contacts. Of B bodies: count, the
-    contacts of theirs that are among these, items_at and weights_at: where items (2 P,), their
-    places, and weights, the (count, count) displacements by unit forces (m/N), begin; moves:
-    whether they are solved anew. force: (P,) N, given; ahead: (P, 2) m, by which guest and host are
-    to open the gap. lines: (6, P) scratch. on: (I,) whether they are in this round."""
+    """Forces at P places, of contacts of I islands of B bodies, that are solved together
+    (joint_kernels).
+
+    on: (I,) whether they are in this round, fresh: whether they were chosen for it. first, last:
+    (I,) places of an island; room: (I + 1,) of its weights. chosen: (P,) contacts. count: (B,) of a
+    body's; items_at, weights_at: (B,) where its places begin among items (2 P,), and among weights
+    how far it gives way at each of them for a force at another, (count, count) m/N. moves: (B,)
+    whether it is solved. force: (P,) N. ahead: (P, 2) m, by which guest and host are to open the
+    gap. lines: (6, P) scratch."""
 
     on: Bytes
+    fresh: Bytes
     first: Indices
     last: Indices
     room: Indices
