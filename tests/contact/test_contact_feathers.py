@@ -293,7 +293,7 @@ def test_what_is_off_is_told_of_the_last_round():
     """A body that its neighbours have moved since it was solved counts as it is then."""
     places = [[0.004 * f, 0.003 * f, 4e-4 * f] for f in range(5)]
     model, state = free_feathers("body_contour", places, **GRID)
-    state.velocity.nodes[-1, ..., 2] = -4.0
+    state.velocity.nodes[-1, ..., 2] = -8.0
     pairs = [[f + a, f + 1 - a] for a in (0, 1) for f in range(4)]
     contact = solver_of(model, pairs, [-1] * 4 + [1] * 4, rounds=2)
     _, _, report = contact.interval([state], [no_loads(5)], [hold_roots(state)], 3e-4)

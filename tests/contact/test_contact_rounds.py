@@ -6,12 +6,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from contact_cases import free_feathers, solver_of
 
+from featherfx.mechanics.model import no_loads
+from featherfx.solver.contact import run as run_module
 from featherfx.solver.contact.interval import ContactSolver
 from featherfx.solver.contact.interval_options import ContactSettings
 from featherfx.solver.contact.list_kernels import _stiffen, residual
 from featherfx.solver.contact.search import new_touch
 from featherfx.solver.contact.types import ByBody
+from featherfx.solver.state import hold_roots
 
 MASS, STIFFNESS, FRAME, TOLERANCE = 2e-6, 0.3, 1.0 / 24.0, 1e-5
 stiffen, misfit = _stiffen.py_func, residual.py_func
@@ -90,3 +94,19 @@ def test_rounds_with_springs_that_are_too_soft_end_as_soon_as_they_get_stiffer()
     expected = np.log(2e-3) / np.log(((1.0 - 0.01) / (1.0 + 0.01)) ** 2)
     assert rounds_of_two_bodies(0.01) == pytest.approx(expected, rel=0.1)
     assert rounds_of_two_bodies(1.0) < 0.2 * expected
+
+
+def test_forces_that_are_solved_together_are_those_that_rounds_alone_find(monkeypatch):
+    """Two feathers that one another's blow presses, in steps that go on from its forces."""
+    found = []
+    for room in (0, run_module._MOST_TOGETHER):
+        monkeypatch.setattr(run_module, "_MOST_TOGETHER", room)
+        places = [[0.004 * f, 0.003 * f, 4e-4 * f] for f in range(2)]
+        model, state = free_feathers("body_contour", places, rows=12, columns=4, coefficients=1)
+        state.velocity.nodes[-1, ..., 2] = -0.5
+        contact = solver_of(model, [(0, 1), (1, 0)], [-1, 1], rounds=200, tolerance=1e-8)
+        for _ in range(4):
+            (state,), _, _ = contact.interval([state], [no_loads(2)], [hold_roots(state)], 3e-4)
+            contact.accept()
+        found.append(state.points.nodes)
+    assert 0.0 < np.abs(found[1] - found[0]).max() < 1e-7

@@ -305,11 +305,15 @@ def _press(contact, known, search):
     row, p = contact.row, contact.point
     softer = min(_of_corners(bodies.impedance[host], contact), bodies.impedance[guest, row, p])
     left = min(_of_corners(bodies.leeway[host], contact), bodies.leeway[guest, row, p])
-    contact.stiffness, contact.leeway = softer, left / softer
+    contact.stiffness, contact.leeway, contact.before = softer, left / softer, 0.0
     if bodies.fixed[host] != 0:
         contact.stiffness = bodies.firm[guest, row, p]
     elif bodies.fixed[guest] != 0:
         contact.stiffness = _of_corners(bodies.firm[host], contact)
+    contact.stiffest = contact.stiffness
+    if bodies.fixed[host] == 0 and bodies.fixed[guest] == 0:
+        whole = min(_of_corners(bodies.whole[host], contact), bodies.whole[guest, row, p])
+        contact.stiffest = max(whole, softer)
 
 
 @kernel

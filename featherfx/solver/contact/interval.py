@@ -448,7 +448,7 @@ class ContactSolver:
         """
         part = duration / max(duration, _FRAMES * self.settings.frame)
         left, least = _LEFT * self.settings.tolerance, _MIN_RESIDUAL * (inertial + elastic)
-        return np.maximum(left * (part**1.5 * inertial + elastic), least)
+        return np.maximum(left * (part**2 * inertial + elastic), least)
 
     def _handing(self, run: BatchRun) -> HandoverRules:
         slip = self.settings.smoothing * run.duration

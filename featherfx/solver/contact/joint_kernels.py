@@ -106,7 +106,9 @@ def choose_forces(island, sweep):
                 joint.chosen[place] = listed.items[k]
                 place += 1
     joint.last[island] = place
-    return place > joint.first[island] and _make_room(island, sweep)
+    if not _make_room(island, sweep):
+        joint.last[island] = joint.first[island]
+    return joint.last[island] > joint.first[island]
 
 
 @kernel
@@ -122,8 +124,8 @@ def _make_room(island, sweep):
                 joint.items[item] = place
                 item += 1
         joint.items_at[body], joint.weights_at[body] = first, weight
-        joint.count[body] = item - first
-        weight += joint.count[body] * joint.count[body]
+        joint.counts[body] = item - first
+        weight += joint.counts[body] * joint.counts[body]
     return weight <= joint.room[island + 1]
 
 
@@ -202,7 +204,7 @@ def find_weights(body, thread, sweep):
     """Find how far a body gives way at its contacts under unit forces; 0 where its matrix cannot
     tell."""
     batches, joint, touch = sweep.batches, sweep.joint, sweep.touch
-    count, first, to = joint.count[body], joint.items_at[body], joint.weights_at[body]
+    count, first, to = joint.counts[body], joint.items_at[body], joint.weights_at[body]
     g, f = batches.batch[body], batches.place[body]
     model = viewed(batches.model, g)
     weights = joint.weights[to : to + count * count]
@@ -238,7 +240,7 @@ def _multiply(island, forces, image, sweep):
     islands, joint = sweep.islands, sweep.joint
     for at in range(islands.first[island], islands.first[island + 1]):
         body = islands.bodies[at]
-        count, first, row = joint.count[body], joint.items_at[body], joint.weights_at[body]
+        count, first, row = joint.counts[body], joint.items_at[body], joint.weights_at[body]
         for k in range(count):
             total = 0.0
             for j in range(count):
@@ -252,7 +254,7 @@ def _opening(k, body, row, sweep):
     """Return by how much (m) a body opens a gap, its place k, with the forces found instead of
     those that it felt. row: where its weights begin."""
     joint, total, first = sweep.joint, 0.0, sweep.joint.items_at[body]
-    for j in range(joint.count[body]):
+    for j in range(joint.counts[body]):
         place = joint.items[first + j]
         felt = _felt(sweep.touch[joint.chosen[place]], body)
         total += joint.weights[row + j] * (joint.force[place] - felt)
@@ -272,7 +274,7 @@ def _begin(island, low, high, sweep):
         total += joint.force[k]
     for at in range(islands.first[island], islands.first[island + 1]):
         body = islands.bodies[at]
-        count, first, row = joint.count[body], joint.items_at[body], joint.weights_at[body]
+        count, first, row = joint.counts[body], joint.items_at[body], joint.weights_at[body]
         for k in range(count):
             size[joint.items[first + k]] += joint.weights[row + k]
             gradient[joint.items[first + k]] += _opening(k, body, row, sweep)
@@ -294,7 +296,7 @@ def _bound(island, low, high, sweep):
         image[k] = joint.lines[_HOLD, k]
     for at in range(islands.first[island], islands.first[island + 1]):
         body = islands.bodies[at]
-        count, first, row = joint.count[body], joint.items_at[body], joint.weights_at[body]
+        count, first, row = joint.counts[body], joint.items_at[body], joint.weights_at[body]
         for k in range(count):
             own = size[joint.items[first + k]]
             for j in range(count):
@@ -440,17 +442,35 @@ def solve_forces(island, sweep):
             _proportion(island, low, high, sweep)
         elif not _conjugate(island, low, high, 1.0 / bound, sweep):
             break
-    for k in range(low, high):
-        joint.ahead[k, 0] = joint.ahead[k, 1] = 0.0
+    _shorten(island, low, high, sweep)
     for at in range(sweep.islands.first[island], sweep.islands.first[island + 1]):
         _head(sweep.islands.bodies[at], bound, sweep)
+
+
+@kernel
+def _shorten(island, low, high, sweep):
+    """Go towards the forces found only as far as no body opens a gap by more than its thickness."""
+    islands, joint, touch, farthest = sweep.islands, sweep.joint, sweep.touch, 1.0
+    for k in range(low, high):
+        joint.ahead[k, 0] = joint.ahead[k, 1] = 0.0
+    for at in range(islands.first[island], islands.first[island + 1]):
+        body = islands.bodies[at]
+        row = joint.weights_at[body]
+        for k in range(joint.counts[body]):
+            contact = touch[joint.chosen[joint.items[joint.items_at[body] + k]]]
+            farthest = max(farthest, abs(_opening(k, body, row, sweep)) / contact.thickness)
+            row += joint.counts[body]
+    for k in range(low, high):
+        contact = touch[joint.chosen[k]]
+        mean = 0.5 * (contact.guest_force + contact.host_force)
+        joint.force[k] = mean + (joint.force[k] - mean) / farthest
 
 
 @kernel
 def _head(body, bound, sweep):
     """Note whether a body is solved with the forces found, and by how much it is to open gaps."""
     joint, touch = sweep.joint, sweep.touch
-    count, first, row = joint.count[body], joint.items_at[body], joint.weights_at[body]
+    count, first, row = joint.counts[body], joint.items_at[body], joint.weights_at[body]
     joint.moves[body], moves = 0, False
     for k in range(count if sweep.marks.mine[body] != 0 and bound > 0.0 else 0):
         contact = touch[joint.chosen[joint.items[first + k]]]

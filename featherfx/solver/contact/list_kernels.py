@@ -24,6 +24,8 @@ from featherfx.solver.contact.types import LED
 _MIN_WEIGHT = 1e-6
 # stiffness of a contact that presses with the force it had, over its own
 _GENTLE = 1e-2
+# part of a gap that one solve leaves of it where its spring gets stiffer, and by what factor
+_SLOW, _STIFFER = 0.8, 1.5
 # contacts that press from opposite sides: cosine between their normals, and how many rows they are
 # apart, at most
 _OPPOSED, _BESIDE = -0.5, 1
@@ -118,6 +120,16 @@ def update(body, touch, listed, now):
         else:
             push = contact.guest_force - contact.stiffness * contact.gap
             contact.host_force = max(0.0, push)
+        _stiffen(contact)
+
+
+@kernel
+def _stiffen(contact):
+    """Make the spring of a contact stiffer whose gap hardly got smaller since the solve before."""
+    gap, before = contact.gap, contact.before
+    contact.before = gap
+    if abs(gap) > contact.leeway and gap * before > _SLOW * before * before:
+        contact.stiffness = min(_STIFFER * contact.stiffness, contact.stiffest)
 
 
 @kernel

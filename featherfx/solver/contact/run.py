@@ -430,7 +430,7 @@ def room_for_forces(
         last=np.zeros(count, dtype=np.int64),
         room=room.astype(np.int64),
         chosen=np.empty(total, dtype=np.int64),
-        count=np.zeros(bodies, dtype=np.int64),
+        counts=np.zeros(bodies, dtype=np.int64),
         items_at=np.zeros(bodies, dtype=np.int64),
         weights_at=np.zeros(bodies, dtype=np.int64),
         items=np.empty(2 * total, dtype=np.int64),

@@ -43,6 +43,10 @@ _CONTACTS, _BODIES = 1024, 64
 _PATIENCE = 4
 # part of what is off that forces solved together may leave, or they are handed on in the next round
 _PROGRESS = 0.9
+# what is off after such a round over that before, beyond which none follows
+_WORSE = 4.0
+# bodies of an island whose forces are solved together, at most
+_MOST_TOGETHER = 32
 
 
 @kernel
@@ -250,7 +254,7 @@ def _close(island, number, sweep):
     """End an island that is done after so many rounds."""
     marks, islands, rules = sweep.marks, sweep.islands, sweep.rules
     anew = rules.friction and number == 1 and rules.rounds > 1
-    before, worst_before = sweep.joint.on[island] != 0, islands.worst[island]
+    before = islands.worst[island]
     islands.worst[island], islands.rounds[island] = 0.0, number
     low, high = islands.first[island], islands.first[island + 1]
     for at in range(low, high):
@@ -263,14 +267,28 @@ def _close(island, number, sweep):
         elif anew and closed_on_led(body, sweep.touch, sweep.listed, marks.mine):
             worst, marks.active[body] = np.inf, 1
         islands.worst[island] = max(islands.worst[island], worst)
-    sweep.joint.on[island] = 0
-    if number >= rules.rounds or islands.worst[island] < 1.0:
+    _join_forces(island, number, before, sweep)
+
+
+@kernel
+def _join_forces(island, number, before, sweep):
+    """End the rounds of an island, or choose whether its forces are solved together in the next.
+    before: what was off before the last."""
+    marks, islands, joint = sweep.marks, sweep.islands, sweep.joint
+    low, high, off = islands.first[island], islands.first[island + 1], islands.worst[island]
+    were, joint.on[island] = joint.on[island], min(joint.on[island], 0)
+    if number >= sweep.rules.rounds or off < 1.0:
         islands.open[island] = 0
-    elif number > 0 and not (before and islands.worst[island] > _PROGRESS * worst_before):
-        sweep.joint.on[island] = 1 if choose_forces(island, sweep) else 0
+        return
+    if were > 0 and off > _WORSE * before:
+        joint.on[island] = -1
+    slow = were > 0 and off > _PROGRESS * before
+    if number == 0 or joint.on[island] < 0 or slow or high - low > _MOST_TOGETHER:
+        return
+    if choose_forces(island, sweep):
+        joint.on[island] = 1
         for at in range(low, high):
-            if sweep.joint.on[island] != 0 and marks.mine[islands.bodies[at]] != 0:
-                marks.active[islands.bodies[at]] = 1
+            marks.active[islands.bodies[at]] = marks.mine[islands.bodies[at]]
 
 
 @kernel
@@ -301,7 +319,7 @@ def _solve_alone(island, thread, sweep):
     islands, colours, number = sweep.islands, sweep.colours, 0
     low, high = islands.first[island], islands.first[island + 1]
     while True:
-        if sweep.joint.on[island] != 0:
+        if sweep.joint.on[island] > 0:
             for at in range(low, high):
                 _measure_own(islands.bodies[at], sweep)
         for at in range(low, high):
@@ -310,7 +328,7 @@ def _solve_alone(island, thread, sweep):
         if islands.open[island] == 0:
             return
         number += 1
-        if sweep.joint.on[island] != 0:
+        if sweep.joint.on[island] > 0:
             for at in range(low, high):
                 find_weights(islands.bodies[at], thread, sweep)
             solve_forces(island, sweep)
@@ -325,6 +343,15 @@ def _solve_alone(island, thread, sweep):
 
 
 @kernel
+def _any_joint(on):
+    """Return whether forces of an island were solved together in the last round."""
+    found = False
+    for each in on:
+        found = found or each > 0
+    return found
+
+
+@kernel
 def _join(team, size, thread, kind, count, sweep):
     """Solve the forces of the islands of this round that are solved together; returns the kind of
     tickets to go on with."""
@@ -334,14 +361,14 @@ def _join(team, size, thread, kind, count, sweep):
         if at >= count:
             break
         body = colours.bodies[at]
-        if joint.on[sweep.marks.island[body]] != 0:
+        if joint.on[sweep.marks.island[body]] > 0:
             find_weights(body, thread, sweep)
     meet(team, size)
     kind = 1 - kind
     if thread == 0:
         forget_tickets(team, 1 - kind)
         for island in range(islands.open.shape[0]):
-            if islands.open[island] != 0 and joint.on[island] != 0:
+            if islands.open[island] != 0 and joint.on[island] > 0:
                 solve_forces(island, sweep)
     meet(team, size)
     return kind
@@ -366,7 +393,7 @@ def solve_rounds(thread, team, size, sweep):
         kind = 1 - kind
         if thread == 0:
             forget_tickets(team, 1 - kind)
-        if sweep.joint.on.any():
+        if _any_joint(sweep.joint.on):
             _measure(team, size, kind, sweep)
             meet(team, size)
             kind = 1 - kind
@@ -393,7 +420,7 @@ def solve_rounds(thread, team, size, sweep):
             if at >= count:
                 break
             body = colours.bodies[at]
-            if sweep.joint.on[sweep.marks.island[body]] != 0:
+            if sweep.joint.on[sweep.marks.island[body]] > 0:
                 _solve_together(body, thread, reach, sweep)
             else:
                 _solve_after(body, thread, reach, sweep)

@@ -21,15 +21,17 @@ RIM_SAMPLES = 4
 # start and now; thickness: sum of both halves, less Candidates.depth; spared: of a depth that was
 # there at the start.
 # Forces, N, that guest and host feel; stiffness, N/m, of the spring that each of them is pressed
-# against; leeway: m, misfit that rounds may leave. place_start, place_now: m, of the host's point;
-# guest_now: the guest's. joint: its place among the forces that are solved together (JointForces),
-# LED where what is led presses it, else APART.
+# against, and stiffest: that it may become; leeway: m, misfit that rounds may leave; before: m, its
+# gap one solve ago. place_start, place_now: m, of the host's point; guest_now: the guest's. joint:
+# its place among the forces that are solved together (JointForces), LED where what is led presses
+# it, else APART.
 LED, APART = -2, -1
 CONTACT_DTYPE = np.dtype(
     [(name, "i8") for name in ("pair", "row", "column", "point", "guest", "host", "side", "mirror")]
     + [("corner", "i8", (3, 2)), ("weight", "f8", (3,)), ("normal", "f8", (3,))]
     + [(name, "f8") for name in ("start_gap", "gap", "thickness", "spared", "fraction")]
-    + [(name, "f8") for name in ("guest_force", "host_force", "stiffness", "leeway")]
+    + [(name, "f8") for name in ("guest_force", "host_force", "stiffness", "stiffest")]
+    + [(name, "f8") for name in ("leeway", "before")]
     + [(name, "f8", (3,)) for name in ("place_start", "place_now", "guest_now")]
     + [("joint", "i8")]
 )
@@ -233,8 +235,8 @@ class JointForces(NamedTuple):
     (joint_kernels).
 
     on: (I,) whether they are in this round, fresh: whether they were chosen for it. first, last:
-    (I,) places of an island; room: (I + 1,) of its weights. chosen: (P,) contacts. count: (B,) of a
-    body's; items_at, weights_at: (B,) where its places begin among items (2 P,), and among weights
+    (I,) places of an island; room: (I + 1,) of its weights. chosen: (P,) contacts. counts: (B,) of
+    a body's; items_at, weights_at: (B,) where its places begin among items (2 P,), and in weights
     how far it gives way at each of them for a force at another, (count, count) m/N. moves: (B,)
     whether it is solved. force: (P,) N. ahead: (P, 2) m, by which guest and host are to open the
     gap. lines: (6, P) scratch."""
@@ -245,7 +247,7 @@ class JointForces(NamedTuple):
     last: Indices
     room: Indices
     chosen: Indices
-    count: Indices
+    counts: Indices
     items_at: Indices
     weights_at: Indices
     items: Indices

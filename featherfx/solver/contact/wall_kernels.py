@@ -144,6 +144,7 @@ def meet_triangle(node, found, wall_and_open, bit, search, touch, count):
     contact.guest_force = contact.host_force = search.memory.wall[body, i, node.column]
     contact.stiffness = search.wall_fit * bodies.whole[body, i, p]
     contact.leeway = bodies.leeway[body, i, p] / bodies.impedance[body, i, p]
+    contact.stiffest, contact.before = contact.stiffness, 0.0
     return count + 1
 
 
