@@ -45,7 +45,7 @@ _UNEVEN, _UNEVEN_OF_FEW, _MANY = 0.75, 1.2, 32
 _WORTH_IT, _AT_ONCE = 300, 256
 
 # contacts of a body whose forces are solved together, and weights of an island, at most
-_MOST_TOGETHER, _MOST_WEIGHTS = 512, 4_000_000
+_MOST_TOGETHER, _MOST_WEIGHTS = 64, 4_000_000
 
 # what a team takes tickets for: two kinds, in turns
 STEP_KINDS = 2
