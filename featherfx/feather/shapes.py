@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields, is_dataclass, replace
 from functools import lru_cache, partial
 from operator import attrgetter
+from types import UnionType
 from typing import Any, get_args, get_origin, get_type_hints
 from weakref import WeakValueDictionary
 
@@ -198,6 +199,9 @@ def _read(kind: Any, value: Any) -> Any:
         if not value.keys() <= known:
             raise ValueError(f"holds {min(value.keys() - known)}")
         return kind(**{name: _read(hints[name], each) for name, each in value.items()})
+    if get_origin(kind) is UnionType:
+        several = isinstance(value, list)
+        kind = next(each for each in get_args(kind) if (get_origin(each) is tuple) == several)
     if get_origin(kind) is tuple and isinstance(value, list):
         items = get_args(kind)
         each = items[:1] * len(value) if items[-1:] == (Ellipsis,) else items

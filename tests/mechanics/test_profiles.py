@@ -43,8 +43,9 @@ def constants(kind, rows=9):
 def assert_same(found, wanted):
     for name, values in wanted.arrays().items():
         if values.dtype == float:
+            own, values = (np.nan_to_num(x, posinf=-1.0) for x in (found.arrays()[name], values))
             scale = np.abs(values).max(initial=0.0)
-            assert np.abs(found.arrays()[name] - values).max(initial=0.0) <= 1e-12 * scale, name
+            assert np.abs(own - values).max(initial=0.0) <= 1e-12 * scale, name
 
 
 def profile(value):

@@ -207,8 +207,5 @@ def beneath(
         flat = places.reshape(-1, 3)
         return np.asarray(flat[body.gaps(flat) < gap])
 
-    inner, aside = points[0, 1:6], body.axes[:, 1]
-    away = np.outer((inner - body.middle) @ aside, aside)
-    well = np.concatenate([*points[:arm, 2:5], inner - 0.5 * away, inner - 0.9 * away])
     low = points[[arm - 1, len(points) - 1], 1:6] - 1.5 * near * body.axes[:, 2]
-    return Beneath(close(well, 2.0 * near), points[:arm, 0], close(low, 4.0 * near))
+    return Beneath(close(points[:arm, 2:5], 2.0 * near), points[:arm, 0], close(low, 4.0 * near))

@@ -374,8 +374,10 @@ def blended(first: Any, second: Any, weight: float) -> Any:
             _blended_curve(first.rachis, second.rachis, weight),
             _blended_curve(first.barb, second.barb, weight),
         )
-    if isinstance(first, tuple):
-        return tuple(blended(a, b, weight) for a, b in zip(first, second, strict=True))
+    if isinstance(first, tuple) or isinstance(second, tuple):
+        # one number stands for both vanes
+        pair = [each if isinstance(each, tuple) else (each, each) for each in (first, second)]
+        return tuple(blended(a, b, weight) for a, b in zip(*pair, strict=True))
     if is_dataclass(first) and not isinstance(first, type):
         return type(first)(
             **{
