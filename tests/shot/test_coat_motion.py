@@ -182,6 +182,7 @@ def test_feathers_bridge_a_crease_without_a_jump():
     """Where the skin folds beneath them images fold, too, and what is drawn along them jumps."""
     parts, times = plumage(folded), np.linspace(0.0, 1.0, 49)
     assert jumps(parts, times).max() > 0.1
+    assert not parts[2].bridge([0.0]).any()
     shares = parts[2].bridge(times[::4])
     assert shares.max() == 1.0
     assert jumps(parts, times).max() < 0.1

@@ -25,9 +25,9 @@ from featherfx.coat.leaf_kernels import leaf_point, over_foot, unit, without
 from featherfx.jit.compiled import kernel
 
 _NO_LENGTH = 1e-12  # m, of a piece that has no direction
-# loss of the cosine of two pieces from which folds are bridged, and at which wholly: those of 45
-# and 90 degrees; share of its length that the image of a piece has at least
-_FOLDING, _FOLDED, _SHORTEST = 0.3, 1.0, 0.3
+_SHORTEST = (
+    0.3  # share of its length that the image of a piece has at least, where folds are sought
+)
 
 
 class LeafFeet(NamedTuple):
@@ -159,13 +159,13 @@ def _loss(before, after):
 
 @kernel
 def _find_fold(image, up, rest):
-    """The largest loss along the rachis, along barbs, between rows, and of what is square to the
-    rachis."""
-    rows, m, worst = image.shape[0], (image.shape[1] - 1) // 2, 0.0
+    """The largest loss along the rachis, along barbs, and between rows; and that of what stands
+    square on the rachis."""
+    rows, m, worst, lean = image.shape[0], (image.shape[1] - 1) // 2, 0.0, 0.0
     for i in range(1, rows):
         chord = _seen_chord(image, rest, (i - 1, 0), (i, 0))
-        lean = dot(chord[1], up[i])
-        worst = max(worst, 1.0 - sqrt(max(1.0 - lean * lean, 0.0)))
+        along = dot(chord[1], up[i])
+        lean = max(lean, 1.0 - sqrt(max(1.0 - along * along, 0.0)))
         if i + 1 < rows:
             worst = max(worst, _loss(chord, _seen_chord(image, rest, (i, 0), (i + 1, 0))))
         wide = _seen_chord(image, rest, (i - 1, m), (i - 1, 2 * m))
@@ -176,20 +176,20 @@ def _find_fold(image, up, rest):
                 piece = _seen_chord(image, rest, (i, j), (i, j + 1))
                 worst = max(worst, _loss(barb, piece))
                 barb = piece
-    return worst
+    return worst, lean
 
 
 @kernel
-def find_folds(carrier, leaves, rest, room, shares, low, high):
-    """Raise the shares of feathers low to high - 1 as far as their images fold over a carrier.
+def find_folds(carrier, leaves, rest, room, folds, low, high):
+    """Raise the folds (K, 2) of feathers low to high - 1 to those of their images over a carrier,
+    as of _find_fold.
 
     rest: (K, n, 1 + 2 m, 3) m.
     """
     for f in range(low, high):
         _draw_images(carrier, leaves, f, room)
-        fold = (_find_fold(room.image, room.up, rest[f]) - _FOLDING) / (_FOLDED - _FOLDING)
-        share = min(max(fold, 0.0), 1.0)
-        shares[f] = max(shares[f], share * share * (3.0 - 2.0 * share))
+        worst, lean = _find_fold(room.image, room.up, rest[f])
+        folds[f, 0], folds[f, 1] = max(folds[f, 0], worst), max(folds[f, 1], lean)
 
 
 @kernel

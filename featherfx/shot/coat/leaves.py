@@ -55,6 +55,9 @@ _INSTANT, _STEP_RATIO = 1e-4, 0.02
 _LEAST_ROOM = 1e-9  # rad, to roll in
 _LEAST_TURN = 1e-6  # rad, of a first row
 _LEAST_COSINE = 0.1  # of the pitch of roots: steeper ones raise a coat no further
+# loss of the cosine between pieces of a feather from which folds are bridged, and at which wholly:
+# those of 45 and 90 degrees
+_FOLDING, _FOLDED = 0.3, 1.0
 _NO_HEIGHT = 1e-9  # m, of the coat's points off the skin of the shot
 
 
@@ -175,19 +178,24 @@ class MovingCoat:
 
         Returns (K,) shares of the way to where the roots alone carry them.
         """
-        coat, shares = self._coat, np.zeros(len(self._numbers))
+        mesh, folds = self._coat.mesh, np.zeros((len(self._numbers), 2))
+        self._find_folds(self._coat.rest, folds)
+        upright = folds[:, 1].copy()  # a shaft that rises from the skin leans at rest
         for time in times:
-            arrays = coat.arrays(pose_carrier(coat.mesh, self._skin.at(time)))
+            self._find_folds(pose_carrier(mesh, self._skin.at(time)), folds)
+        fold = np.maximum(folds[:, 0], folds[:, 1] - upright)
+        share = np.clip((fold - _FOLDING) / (_FOLDED - _FOLDING), 0.0, 1.0)
+        self._shares = share * share * (3.0 - 2.0 * share)
+        return self._shares
 
-            def find_some(low: int, high: int, arrays: CarrierArrays = arrays) -> None:
-                room = self._make_room()
-                kernels.find_folds(
-                    arrays, self._straight, self._rest.nodes, room, shares, low, high
-                )
+    def _find_folds(self, carrier: Carrier, folds: Array) -> None:
+        """Raise (K, 2) folds to those over a carrier."""
+        arrays, leaves, rest = self._coat.arrays(carrier), self._straight, self._rest.nodes
 
-            share_out(find_some, len(shares), self._pool)
-        self._shares = shares
-        return shares
+        def find_some(low: int, high: int) -> None:
+            kernels.find_folds(arrays, leaves, rest, self._make_room(), folds, low, high)
+
+        share_out(find_some, len(folds), self._pool)
 
     @cached_property
     def _raised(self) -> SkinMeans:
