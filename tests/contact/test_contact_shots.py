@@ -85,7 +85,8 @@ def test_flapping_bird_keeps_its_feathers_apart():
     settling = [each.left for each in told if each.name == "settling" and not each.ended]
     left = [each for each in settling if each is not None]
     assert len(left) > 8
-    assert 0.0 < left[-1] < 0.5 * left[0]
+    # all of it takes a tenth of a second, which a busy machine tells unevenly
+    assert 0.0 < left[-1] < 0.75 * left[0]
     contact = simulation.report["contact"]
     assert contact["steps"] == 9 * 12
     assert contact["islands"] == 1
