@@ -25,9 +25,8 @@ from featherfx.coat.leaf_kernels import leaf_point, over_foot, unit, without
 from featherfx.jit.compiled import kernel
 
 _NO_LENGTH = 1e-12  # m, of a piece that has no direction
-_SHORTEST = (
-    0.3  # share of its length that the image of a piece has at least, where folds are sought
-)
+# share of its length that the image of a piece has at least, where folds are sought
+_SHORTEST = 0.3
 
 
 class LeafFeet(NamedTuple):

@@ -89,13 +89,15 @@ class CoatStage(Stage):
         first, last = shot.first_frame, shot.last_frame
         frames = [*range(first, last, _FRAMES_PER_LOOK), last]
         shares = coat.bridge([(each - first) / shot.frames_per_second for each in frames])
-        wholly = np.flatnonzero((shares == 1.0) & np.isin(self._members, self.run.wanted))
+        shares = np.where(np.isin(self._members, self.run.wanted), shares, 0.0)
+        wholly = np.flatnonzero(shares == 1.0)
         if len(wholly):
             message = (
                 f"{shot.source}: the skin folds by 90 degrees or more beneath"
                 f" {count_feathers(len(wholly))} of the coat, as"
-                f" '{shot.groom.feathers[self._members[wholly[0]]].id}'. They keep their shape and"
-                " follow their roots. Shorten them there, or smooth the weights of the skin"
+                f" '{shot.groom.feathers[self._members[wholly[0]]].id}', and by 45 or more beneath"
+                f" {np.count_nonzero(shares)}. They keep their shape, wholly or in part, and follow"
+                " their roots. Shorten them there, or smooth the weights of the skin"
             )
             warnings.warn(message, InputWarning, stacklevel=2)
 
