@@ -99,15 +99,15 @@ class Coat:
         room = _PRESSED_SHARE * own.thickness
         pressed = room * np.expm1(down / room)
         up = own.lift + np.maximum(bent, 0.0), np.maximum(raised, 0.0)
-        columns = own.phi, own.gain, own.steepness, own.thickness + pressed, *up
+        points = carrier.points - DOWN_SHARE * pressed[:, None] * carrier.normals[:, :3]
+        heights = own.thickness + pressed, *up
+        columns = *heights, own.phi, own.gain, own.steepness, np.zeros(len(points))
         return CarrierArrays(
-            points=carrier.points - DOWN_SHARE * pressed[:, None] * carrier.normals[:, :3],
-            normals=carrier.normals,
+            vertices=np.column_stack([points, carrier.normals, *columns]),
             faces=mesh.faces,
             neighbours=mesh.neighbours,
             gradients=carrier.elements.gradients,
             planes=carrier.elements.normals,
-            fields=np.stack(columns, axis=1),
         )
 
 

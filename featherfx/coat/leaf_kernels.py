@@ -46,21 +46,22 @@ _CHORDS = 2  # that are drawn for one of the right length; always as many: shape
 _MIN_CHORD = 0.05  # of its length, that a chord on the carrier has
 HINGE = 0.15  # e: of a feather's length, in which it turns where it is raised
 _TINY = 1e-12  # of unit vectors and barycentric coordinates
+# first columns of what vertices have
+_NORMAL, _OWN_NORMAL, _HEIGHTS, _PHI = 3, 6, 9, 12
 
 
 class CarrierArrays(NamedTuple):
     """A carrier as kernels take it; shapes as of CoatMesh, Carrier and TriangleElements.
 
-    fields: (V, 6) phi (m), q (m), k, T (m), a (m) and r (m).
+    vertices: (V, 16) points (m), smoothed normals, those of the mesh, T, a and r (m), phi (m), q
+    (m) and k, and nothing.
     """
 
-    points: Array
-    normals: Array
+    vertices: Array
     faces: Indices
     neighbours: Indices
     gradients: Array
     planes: Array
-    fields: Array
 
 
 class RootArrays(NamedTuple):
@@ -104,8 +105,7 @@ def _mixed(b, array, face, first):
 
 @kernel
 def unit(a):
-    size = length(a)
-    return over(a, size if size > _TINY else 1.0)
+    return over(a, max(length(a), _TINY))
 
 
 @kernel
@@ -140,7 +140,7 @@ def trace(carrier, triangle, b, d, way):
         b = over(b, b[0] + b[1] + b[2])
         way -= least
         face = carrier.faces[triangle]
-        d = unit(without(d, unit(_mixed(b, carrier.normals, face, 0))))
+        d = unit(without(d, unit(_mixed(b, carrier.vertices, face, _NORMAL))))
         if leaving < 0:
             return triangle, b, d, 0.0
         other = carrier.neighbours[triangle, leaving]
@@ -183,24 +183,20 @@ def _raised_share(s):
 
 
 @kernel
+def rounded(found, x, share, point, normal):
+    """A point that is going to the round surface, taken there by a share of a vertex."""
+    return combined(1.0, found, -_ROUNDING * share * dot(sub(x, point), normal), normal)
+
+
+@kernel
 def _round(carrier, triangle, b, x):
     """The point of the round surface over a foot at x of its facet."""
     face, found = carrier.faces[triangle], x
     for k in range(3):
-        point, own = carrier.points[face[k]], carrier.normals[face[k]]
-        normal = own[3], own[4], own[5]
-        off = dot(sub(x, (point[0], point[1], point[2])), normal)
-        found = combined(1.0, found, -_ROUNDING * _at(b, k) * off, normal)
+        own = carrier.vertices[face[k]]
+        normal = own[_OWN_NORMAL], own[_OWN_NORMAL + 1], own[_OWN_NORMAL + 2]
+        found = rounded(found, x, _at(b, k), (own[0], own[1], own[2]), normal)
     return found
-
-
-@kernel
-def over_foot(carrier, triangle, b, shares):
-    """The point over a foot at the height of shares of T, a and r there, and n."""
-    face = carrier.faces[triangle]
-    normal = unit(_mixed(b, carrier.normals, face, 0))
-    x = _round(carrier, triangle, b, _mixed(b, carrier.points, face, 0))
-    return combined(1.0, x, dot(shares, _mixed(b, carrier.fields, face, 3)), normal), normal
 
 
 @kernel
@@ -208,8 +204,8 @@ def _find_shares(carrier, triangle, b, leaf):
     """Shares of T, a and r in the height of a leaf (p, c) over a foot, c besides (m), s, and the
     rate of h by phi."""
     face = carrier.faces[triangle]
-    phi, gain, steepness = _mixed(b, carrier.fields, face, 0)
-    thickness, lift, rise = _mixed(b, carrier.fields, face, 3)
+    phi, gain, steepness = _mixed(b, carrier.vertices, face, _PHI)
+    thickness, lift, rise = _mixed(b, carrier.vertices, face, _HEIGHTS)
     s, lift = (phi - leaf[0]) / gain, lift + leaf[1]
     g, rate = _shape(s, steepness)
     ahead = max(s, 0.0)
@@ -223,13 +219,15 @@ def leaf_point(carrier, triangle, b, leaf):
     """The point of a leaf (p, c) over a foot, n, the gradient of h (3,), s, and the shares of T, a
     and r in h."""
     shares, own, s, by_phi = _find_shares(carrier, triangle, b, leaf)
-    point, normal = over_foot(carrier, triangle, b, shares)
     face, slope = carrier.faces[triangle], (0.0, 0.0, 0.0)
+    normal = unit(_mixed(b, carrier.vertices, face, _NORMAL))
+    point = _round(carrier, triangle, b, _mixed(b, carrier.vertices, face, 0))
+    height = own + dot(shares, _mixed(b, carrier.vertices, face, _HEIGHTS))
     for k in range(3):
-        fields, hat = carrier.fields[face[k]], carrier.gradients[triangle, k]
-        change = shares[0] * fields[3] + shares[1] * fields[4] + shares[2] * fields[5]
-        slope = combined(1.0, slope, change + by_phi * (fields[0] - s * fields[1]), hat)
-    return combined(1.0, point, own, normal), normal, slope, s, shares
+        vertex, hat = carrier.vertices[face[k]], carrier.gradients[triangle, k]
+        change = dot(shares, (vertex[_HEIGHTS], vertex[_HEIGHTS + 1], vertex[_HEIGHTS + 2]))
+        slope = combined(1.0, slope, change + by_phi * (vertex[_PHI] - s * vertex[_PHI + 1]), hat)
+    return combined(1.0, point, height, normal), normal, slope, s, shares
 
 
 @kernel
@@ -269,7 +267,7 @@ def _advance(carrier, foot, leaf, at, way, drop, least):
             return (there, c, e, False, m, up, t), combined(1.0, at, way / gone, chord)
         d, n = _lifted(d, n, slope)
         slope = 0.0, 0.0, 0.0
-    gain = _mixed(b, carrier.fields, carrier.faces[triangle], 0)[1]
+    gain = _mixed(b, carrier.vertices, carrier.faces[triangle], _PHI)[1]
     return (triangle, b, d, True, n, slope, s + way / gain), combined(1.0, at, way, d)
 
 

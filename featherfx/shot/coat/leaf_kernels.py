@@ -18,10 +18,12 @@ within the vane are about the normals of the rows, rolls about their tangents.
 from math import atan2, cos, sin, sqrt
 from typing import NamedTuple
 
+from featherfx.algebra.lanes import COUNT as LANES
+from featherfx.algebra.lanes import load, put, transposed
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vector_kernels import add, combined, cross, dot, length, scale, store, sub
 from featherfx.coat.forms import PlaneForms
-from featherfx.coat.leaf_kernels import leaf_point, over_foot, unit, without
+from featherfx.coat.leaf_kernels import leaf_point, rounded, unit, without
 from featherfx.jit.compiled import kernel
 
 _NO_LENGTH = 1e-12  # m, of a piece that has no direction
@@ -32,17 +34,15 @@ _SHORTEST = 0.3
 class LeafFeet(NamedTuple):
     """Feathers over a carrier at rest, F of them.
 
-    values: (F,) m, p. feet: (F, n, 1 + 2 m) triangles, weights: (F, n, 1 + 2 m, 3) barycentric,
-    shares: (F, n, 1 + 2 m, 3) of T, a and r in h, and offsets: (F, n, 1 + 2 m, 3) m, o. directors:
-    (F, n, 2, 3) in the frames of their rows. steps: (F, n - 1) m and pieces: (F, 2, n, m) m,
-    lengths.
+    values: (F,) m, p. feet: (F, P) triangles under the n (1 + 2 m) nodes row by row, the last one
+    repeated to fill lanes. places: (F, 9, P) barycentric weights, shares of T, a and r in h, and
+    o (m). directors: (F, n, 2, 3) in the frames of their rows. steps: (F, n - 1) m and pieces:
+    (F, 2, n, m) m, lengths.
     """
 
     values: Array
     feet: Indices
-    weights: Array
-    shares: Array
-    offsets: Array
+    places: Array
     directors: Array
     steps: Array
     pieces: Array
@@ -77,11 +77,12 @@ class VaneMotion(NamedTuple):
 
 
 class ImageRoom(NamedTuple):
-    """Scratch memory. image: (n, 1 + 2 m, 3) m. up: (n, 3) normals at the rachis. rachis: (n, 3) m,
+    """Scratch memory. image: (n, 1 + 2 m, 4) m, the last means nothing. flat: the same (P, 4). up: (n, 3) normals at the rachis. rachis: (n, 3) m,
     in its own lengths. row: (n,) image before each row. part: (n,) how far on to the next it is.
     turns: (n, 2) rad, of rows and of the chords of the rachis after them, from rest."""
 
     image: Array
+    flat: Array
     up: Array
     rachis: Array
     row: Indices
@@ -90,26 +91,31 @@ class ImageRoom(NamedTuple):
 
 
 @kernel
-def _leaf_frame(carrier, t, n):
-    """The frame F over a foot in a triangle, with the normal n there."""
-    face = carrier.faces[t]
-    side = unit(without(sub(carrier.points[face[1]], carrier.points[face[0]]), n))
+def _leaf_frame(start, end, n):
+    """The frame F over a triangle by two of its corners, with the normal n there."""
+    side = unit(without(sub(end, start), n))
     return side, cross(n, side), n
 
 
 @kernel
+def _barycentric(leaves, f, node):
+    own = leaves.places[f]
+    return own[0, node], own[1, node], own[2, node]
+
+
+@kernel
 def find_offsets(carrier, leaves, nodes, low, high):
-    """Places of nodes (F, n, 1 + 2 m, 3) m in the frames of their leaves. Written: shares,
-    offsets."""
+    """Places of nodes (F, P, 3) m in the frames of their leaves. Written: shares and o."""
     for f in range(low, high):
-        for i in range(nodes.shape[1]):
-            for j in range(nodes.shape[2]):
-                b, t = leaves.weights[f, i, j], leaves.feet[f, i, j]
-                leaf = leaves.values[f], 0.0
-                point, n, _, _, shares = leaf_point(carrier, t, (b[0], b[1], b[2]), leaf)
-                away = _seen(sub(nodes[f, i, j], point), _leaf_frame(carrier, t, n))
-                store(leaves.shares[f, i, j], shares)
-                store(leaves.offsets[f, i, j], away)
+        for node in range(nodes.shape[1]):
+            t, leaf = leaves.feet[f, node], (leaves.values[f], 0.0)
+            b = _barycentric(leaves, f, node)
+            point, n, _, _, shares = leaf_point(carrier, t, b, leaf)
+            face = carrier.faces[t]
+            frame = _leaf_frame(carrier.vertices[face[0]], carrier.vertices[face[1]], n)
+            away = _seen(sub(nodes[f, node], point), frame)
+            for k in range(3):
+                leaves.places[f, 3 + k, node], leaves.places[f, 6 + k, node] = shares[k], away[k]
 
 
 @kernel
@@ -125,19 +131,53 @@ def _from_axes(parts, axes):
 
 
 @kernel
+def _corners(carrier, feet, first, k):
+    """Corners k of the triangles under four nodes: point, normals, and T, a and r."""
+    at, width, faces = carrier.vertices, carrier.vertices.shape[1], carrier.faces
+    u, v = width * faces[feet[first], k], width * faces[feet[first + 1], k]
+    w, x = width * faces[feet[first + 2], k], width * faces[feet[first + 3], k]
+    a = transposed(load(at, u), load(at, v), load(at, w), load(at, x))
+    b = transposed(load(at, u + 4), load(at, v + 4), load(at, w + 4), load(at, x + 4))
+    c = transposed(load(at, u + 8), load(at, v + 8), load(at, w + 8), load(at, x + 8))
+    return (a[0], a[1], a[2]), (a[3], b[0], b[1]), (b[2], b[3], c[0]), (c[1], c[2], c[3])
+
+
+@kernel
+def _three(line, first, count):
+    return load(line, first), load(line, first + count), load(line, first + 2 * count)
+
+
+@kernel
+def _blended(weights, a, b, c):
+    return combined(1.0, combined(weights[0], a, weights[1], b), weights[2], c)
+
+
+@kernel
 def _draw_images(carrier, leaves, f, room):
-    for i in range(room.image.shape[0]):
-        for j in range(room.image.shape[1]):
-            w, t, h = leaves.weights[f, i, j], leaves.feet[f, i, j], leaves.shares[f, i, j]
-            b = w[0], w[1], w[2]
-            point, n = over_foot(carrier, t, b, (h[0], h[1], h[2]))
-            away = _from_axes(leaves.offsets[f, i, j], _leaf_frame(carrier, t, n))
-            store(room.image[i, j], add(point, away))
-            if j == 0:
-                _, _, slope, _, _ = leaf_point(carrier, t, b, (leaves.values[f], 0.0))
-                # of triangles that a pose squeezes the slope has no bound
-                slope = scale(1.0 / sqrt(1.0 + dot(slope, slope)), slope)
-                store(room.up[i], unit(sub(n, slope)))
+    feet, line, count = leaves.feet[f], leaves.places[f], leaves.feet.shape[1]
+    for first in range(0, count, LANES):
+        w, shares = _three(line, first, count), _three(line, first + 3 * count, count)
+        one, two = _corners(carrier, feet, first, 0), _corners(carrier, feet, first, 1)
+        three = _corners(carrier, feet, first, 2)
+        n = unit(_blended(w, one[1], two[1], three[1]))
+        x = _blended(w, one[0], two[0], three[0])
+        point = rounded(x, x, w[0], one[0], one[2])
+        point = rounded(point, x, w[1], two[0], two[2])
+        point = rounded(point, x, w[2], three[0], three[2])
+        height = dot(shares, _blended(w, one[3], two[3], three[3]))
+        frame = _leaf_frame(one[0], two[0], n)
+        away = _from_axes(_three(line, first + 6 * count, count), frame)
+        x, y, z = add(combined(1.0, point, height, n), away)
+        points = transposed(x, y, z, z)
+        for k in range(LANES):
+            put(room.flat, 4 * (first + k), points[k])
+    for i in range(room.up.shape[0]):
+        node = i * room.image.shape[1]
+        b, leaf = _barycentric(leaves, f, node), (leaves.values[f], 0.0)
+        _, n, slope, _, _ = leaf_point(carrier, feet[node], b, leaf)
+        # of triangles that a pose squeezes the slope has no bound
+        slope = scale(1.0 / sqrt(1.0 + dot(slope, slope)), slope)
+        store(room.up[i], unit(sub(n, slope)))
 
 
 @kernel

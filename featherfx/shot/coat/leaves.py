@@ -25,9 +25,11 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from featherfx.algebra.lanes import COUNT as LANES
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots, face_products, unit
 from featherfx.coat.carrier import Carrier, pose_carrier
@@ -135,15 +137,17 @@ class MovingCoat:
         self._rest, self._shares = rest, np.zeros(len(numbers))
         self._straight = straight = self._lay(self._shares)
         self._turned = np.zeros(0), straight
-        places = np.sqrt(straight.shares[..., 1])
-        self._feet, self._place = straight.feet[:, :, 0], places[:, :, 0]
+        grid, count = rest.nodes.shape[:3], rest.nodes[0, ..., 0].size
+        places = np.sqrt(straight.places[:, 4, :count]).reshape(grid)
+        feet = straight.feet[:, :count].reshape(grid)
+        self._feet, self._place = feet[:, :, 0], places[:, :, 0]
         self._tips = self._means(self._place**4, bent)
         left = coat.rooms[numbers] - np.abs(coat.deviations[numbers, 1])
         self._rooms = np.maximum(left, _LEAST_ROOM)
         self._ceiling = np.full(len(coat.mesh.points), np.inf)
         if above is not None:
             reach = np.ones_like(self._ceiling)
-            np.maximum.at(reach, coat.mesh.faces[straight.feet], places[..., None])
+            np.maximum.at(reach, coat.mesh.faces[feet], places[..., None])
             ways = self._find_ways(coat.rest)
             self._ceiling = find_ceiling(coat, above, reach, ways)
 
@@ -153,18 +157,17 @@ class MovingCoat:
         lain = draw(coat.turned(numbers, turns), coat.rest, forms, numbers)
         # a copy: of another layout all kernels would be compiled once more
         own = np.broadcast_to(np.eye(3)[1:], lain.directors.shape).copy()
+        feet, weights, nodes = map(_in_lanes, (lain.feet, lain.weights, lain.nodes))
         leaves = LeafFeet(
             values=coat.values[numbers],
-            feet=lain.feet,
-            weights=lain.weights,
-            shares=np.empty_like(lain.nodes),
-            offsets=np.empty_like(lain.nodes),
+            feet=feet,
+            places=np.tile(weights.swapaxes(1, 2), (1, 3, 1)),
             directors=own,
             steps=forms.steps,
             pieces=forms.pieces,
         )
         arrays = coat.arrays(coat.rest)
-        kernels.find_offsets(arrays, leaves, lain.nodes, 0, len(numbers))
+        kernels.find_offsets(arrays, leaves, nodes, 0, len(numbers))
         still = VaneMotion(*self._still, np.full(len(numbers), -1), 0.0 * turns, self._lain)
         roots = np.zeros((len(numbers), 3)), np.tile(np.eye(3), (len(numbers), 1, 1))
         carried = CarriedShapes(lain.nodes, lain.directors, self._shares, *roots)
@@ -312,7 +315,7 @@ class MovingCoat:
         self, arrays: CarrierArrays, leaves: LeafFeet, carried: CarriedShapes, motion: VaneMotion
     ) -> RowPoints:
         """The feathers over a carrier."""
-        made = RowPoints(np.empty_like(leaves.offsets), np.empty(leaves.directors.shape))
+        made = RowPoints(np.empty(self._rest.nodes.shape), np.empty(leaves.directors.shape))
 
         def draw_some(low: int, high: int) -> None:
             room = self._make_room()
@@ -324,14 +327,27 @@ class MovingCoat:
     def _make_room(self) -> ImageRoom:
         """Scratch memory of a thread."""
         rows, columns = self._rest.nodes.shape[1:3]
+        flat = np.empty((_fill_lanes(rows * columns), 4))
         return ImageRoom(
-            image=np.empty((rows, columns, 3)),
+            image=flat[: rows * columns].reshape(rows, columns, 4),
+            flat=flat,
             up=np.empty((rows, 3)),
             rachis=np.empty((rows, 3)),
             row=np.zeros(rows, dtype=np.int64),
             part=np.empty(rows),
             turns=np.empty((rows, 2)),
         )
+
+
+def _in_lanes(values: Any) -> Any:
+    """(K, P, ...) values (K, n, 1 + 2 m, ...) of nodes, the last repeated to fill lanes."""
+    flat = values.reshape(len(values), -1, *values.shape[3:])
+    places = np.minimum(np.arange(_fill_lanes(flat.shape[1])), flat.shape[1] - 1)
+    return np.ascontiguousarray(flat[:, places])
+
+
+def _fill_lanes(count: int) -> int:
+    return -(-count // LANES) * LANES
 
 
 def _extrapolated_roots(rates: Sequence[RootFrames], time: float) -> RootFrames:
