@@ -77,9 +77,10 @@ class VaneMotion(NamedTuple):
 
 
 class ImageRoom(NamedTuple):
-    """Scratch memory. image: (n, 1 + 2 m, 4) m, the last means nothing. flat: the same (P, 4). up: (n, 3) normals at the rachis. rachis: (n, 3) m,
-    in its own lengths. row: (n,) image before each row. part: (n,) how far on to the next it is.
-    turns: (n, 2) rad, of rows and of the chords of the rachis after them, from rest."""
+    """Scratch memory. image: (n, 1 + 2 m, 4) m, the last means nothing; flat: the same, (P, 4). up:
+    (n, 3) normals at the rachis. rachis: (n, 3) m, in its own lengths. row: (n,) image before each
+    row. part: (n,) how far on to the next it is. turns: (n, 2) rad, of rows and of the chords of
+    the rachis after them, from rest."""
 
     image: Array
     flat: Array
