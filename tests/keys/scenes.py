@@ -468,7 +468,6 @@ SCENES = {
             "joint.2.parent": [""],
             ".role": ["shoulder", "elbow"],
             "motion.kind": ["shake"],
-            "motion.ramp_beats": [0.2],
         },
         (
             ".name",

@@ -23,7 +23,6 @@ STILL = {
     **dict.fromkeys(("twist", "elbow", "wrist", "beats"), 0.0),
     **{
         "wingbeat_frequency": 1.0,
-        "ramp_beats": 0.0,
         "downstroke": 0.5,
         "span_ratio": None,
         "heave": 0.0,
@@ -165,55 +164,31 @@ def test_a_shake_begins_without_throwing_tips(tmp_path, kind):
     assert tip < 1.5 * root
 
 
-def test_flap_starts_at_rest_in_the_pose_of_phase_zero():
+def test_flap_is_under_way_periodic_and_smooth():
     motion = motion_of("flap", FLAP)
-    (start, after), turns = sampled(motion, (0.0, 1e-5))
-    late = motion.frames(5 * PERIOD)
-    np.testing.assert_allclose(start, late[0], atol=1e-12)
-    np.testing.assert_allclose(turns[0], late[1], atol=1e-12)
-    assert np.abs(after - start).max() < 1e-10
-    shoulder = motion.frames(0.0)[0][1]
-    assert shoulder[2] > 0.12 + 0.05  # the wing is up
-
-
-def test_flap_is_periodic_and_smooth():
-    motion = motion_of("flap", FLAP)
-    first = sampled(motion, 0.8 + np.linspace(0.0, 0.8, 17))
-    third = sampled(motion, 2.4 + np.linspace(0.0, 0.8, 17))
-    np.testing.assert_allclose(first[0], third[0], atol=1e-12)
-    np.testing.assert_allclose(first[1], third[1], atol=1e-12)
-    assert is_rotation(first[1])
+    before, later = (sampled(motion, t + np.linspace(0.0, 0.8, 17)) for t in (-1.6, 2.4))
+    np.testing.assert_allclose(before[0], later[0], atol=1e-12)
+    np.testing.assert_allclose(before[1], later[1], atol=1e-12)
+    assert is_rotation(before[1])
     assert largest_jump_of_rate(motion, 1.7) < 0.02
+    assert motion.frames(0.0)[0][1][2] > 0.12 + 0.05  # the wing is up
 
 
-def test_flap_that_speeds_up_never_beats_faster_than_later_and_keeps_its_phase():
-    """Over an even number of beats it falls behind by whole ones."""
-    motion, caught = (motion_of("flap", FLAP | {"ramp_beats": each}) for each in (2.0, 0.0))
-    late = np.linspace(2.0, 3.0, 17) * PERIOD
-    for ours, theirs in zip(sampled(motion, late), sampled(caught, late), strict=True):
-        np.testing.assert_allclose(ours, theirs, atol=1e-12)
-    fastest = [
-        np.abs(
-            np.diff(
-                sampled(motion, begin * PERIOD + np.linspace(0.0, 2.0 * PERIOD, 401))[0], axis=0
-            )
-        )
-        for begin in (0.0, 2.0)
-    ]
-    assert fastest[0].max() < 1.01 * fastest[1].max()
-    assert largest_jump_of_rate(motion, 1.7) < 0.02
-
-
-@pytest.mark.parametrize(("beats", "ramp"), [(0.3, 0.0), (2.5, 0.0), (2.5, 1.0), (2.5, 9.0)])
-def test_flap_rests_after_its_beats(beats, ramp):
-    motion = motion_of("flap", FLAP | {"beats": beats, "ramp_beats": ramp})
-    end = (beats + min(beats, ramp)) * PERIOD
+@pytest.mark.parametrize("beats", [0.3, 2.5, 7.0])
+def test_a_number_of_beats_is_from_rest_to_rest_and_never_faster_than_without_end(beats):
+    motion, ever = (motion_of("flap", FLAP | {"beats": each}) for each in (beats, 0.0))
+    end = (beats + min(beats, 2.0)) * PERIOD
     before, after = motion.frames(end - 1e-5)[0], motion.frames(end + 7.0)[0]
     np.testing.assert_allclose(motion.frames(end)[0], after, atol=1e-12)
+    np.testing.assert_allclose(motion.frames(-1.0)[0], motion.frames(0.0)[0], atol=1e-12)
     assert np.abs(before - after).max() < 1e-9
-    middle = motion.frames(0.5 * end)[0]
-    assert np.abs(middle - after).max() > 0.05
+    assert np.abs(motion.frames(0.5 * end)[0] - after).max() > 0.05
     assert largest_jump_of_rate(motion, end + 0.1) < 0.04
+    fastest, of_ever = (
+        np.abs(np.diff(sampled(each, np.linspace(0.0, end, 2001))[0], axis=0)).max()
+        for each in (motion, ever)
+    )
+    assert fastest < 1.01 * of_ever
 
 
 def test_flap_of_the_right_wing_mirrors_that_of_the_left():

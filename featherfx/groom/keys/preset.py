@@ -322,11 +322,10 @@ MOTION_KEYS: dict[str, dict[str, Key]] = {
     },
     "flap": {
         "wingbeat_frequency": _changing(Number(0.001, 1000, "Hz"), "Beats per second."),
-        "beats": Key(Number(0, 1e6), "Beats until the wing rests; 0: no end.", 0.0),
-        "ramp_beats": Key(
-            Number(0, 1000),
-            "Beats over which it speeds up from rest, and slows down at its end, as many later. 0: "
-            "within a quarter of a beat it catches up with time, which throws feathers.",
+        "beats": Key(
+            Number(0, 1e6),
+            "Beats from rest to rest, the first two faster and faster, the last two slower and "
+            "slower. 0: it beats before its start and on and on; `amount` lets it begin and end.",
             0.0,
         ),
         "stroke_amplitude": _changing(

@@ -73,6 +73,7 @@ REMOVED = {
     "layout.most_lift": "Delete it: feathers bend onto their leaves (layout.thickness).",
     "layout.least_size": "Delete it: no feather of a layout is shortened.",
     "layout.drop": "Delete it: no feather of a layout is left out.",
+    "ramp_beats": "Delete it: beats go on from before the first frame, or number beats.",
     "period": "Write wingbeat_frequency, one over it.",
     "shoulder_amplitude": "Write stroke_amplitude, twice as much.",
     "shoulder_offset": "Write elevation = { mean = ... }.",

@@ -35,10 +35,10 @@ with t in beats. h is the integral whose mean and whose rate's mean are 0. That 
 lift left for the upstroke, nor drag for its wings, is an estimate. A body pitches about the middle
 between its shoulders.
 
-A motion starts, and after its beats ends, at rest. Within a quarter of a beat the phase catches up
-with time; or over a ramp of r beats it speeds up and stays r / 2 behind. The phase is the integral
-of the frequency, and numbers that change over time do so smoothly: modes of flight follow each
-other without a jump.
+Beats without an end have none before the start either. A number of beats starts and ends at rest:
+over a ramp of r beats they speed up, and stay r / 2 behind. The phase is the integral of the
+frequency, and numbers that change over time do so smoothly: modes of flight follow each other
+without a jump.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.interpolation import eased, eased_integral, monotone, smooth_step
+from featherfx.algebra.interpolation import eased, eased_integral, monotone
 from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.algebra.types import Array
 from featherfx.groom.types import Groom, Joint
@@ -59,7 +59,7 @@ from featherfx.shot.motion.swings import trunk_of
 
 _HINGE_LEAN = math.radians(20.0)
 _RISE = math.radians(21.0)  # of a standing pigeon's trunk: samples/pigeon
-_RAMP = 0.25  # of a beat
+_RAMP = 2.0  # beats, so that feathers are not thrown: docs/decisions/tried.md
 # What mirroring at the plane of symmetry (y -> -y) does to the entries of a rotation matrix.
 MIRROR = np.outer((1.0, -1.0, 1.0), (1.0, -1.0, 1.0))
 
@@ -106,14 +106,15 @@ def track_of(given: float | Sequence[tuple[float, float]]) -> Track:
     return times, values
 
 
-def _caught_up(beats: float, ramp: float) -> float:
-    """Beats done after a start from rest; equal to beats once the ramp is over, C2."""
-    return beats * smooth_step(beats / ramp)
+def beats_in_time(beats: float) -> tuple[float, float]:
+    """Return the ramp of a number of beats, and how many others take as much time."""
+    ramp = min(_RAMP, beats)
+    return ramp, beats + ramp
 
 
 def _sped_up(beats: float, ramp: float) -> float:
     """Beats done after a start from rest, their speed a smooth step; ramp / 2 behind after it."""
-    u = min(beats / ramp, 1.0)
+    u = min(max(beats / ramp, 0.0), 1.0)
     return ramp * u**4 * (2.5 + u * (u - 3.0)) + max(beats - ramp, 0.0)
 
 
@@ -132,8 +133,7 @@ class _Angles(NamedTuple):
 class Flap:
     """A wing beat. curves: by joint. numbers: times (s) and values of those that may change.
 
-    middle, half: of the stroke's curve. beats: after which the wing rests; 0: it beats on and on.
-    ramp: beats over which it speeds up; 0: it catches up.
+    middle, half: of the stroke's curve. beats: from rest to rest; 0: it beats on and on.
 
     fold_factors: times (s) and factors of the folds of elbow and wrist. raised, lowered: times (s)
     and rad, by which the bottom and the top of the stroke are nearer to its middle than its
@@ -145,7 +145,6 @@ class Flap:
     middle: float
     half: float
     beats: float
-    ramp: float
     fold_factors: Track = ((0.0,), (1.0,))
     raised: Track = ((0.0,), (0.0,))
     lowered: Track = ((0.0,), (0.0,))
@@ -157,8 +156,7 @@ class Flap:
         stroke = [curves["elevation"](k / BEAT_SAMPLES) for k in range(BEAT_SAMPLES)]
         low, high = min(stroke), max(stroke)
         numbers = {name: track_of(values[name]) for name in _NUMBERS}
-        ends = values["beats"], values["ramp_beats"]
-        return cls(curves, numbers, 0.5 * (low + high), 0.5 * (high - low), *ends)
+        return cls(curves, numbers, 0.5 * (low + high), 0.5 * (high - low), values["beats"])
 
     def phase(self, time: float) -> float:
         """Return the phase, whole beats included, at a time (s)."""
@@ -181,15 +179,13 @@ class Flap:
 
     def _beats_done(self, time: float) -> float:
         since = (eased_integral(*self.numbers["wingbeat_frequency"], each) for each in (time, 0.0))
-        done = max(next(since) - next(since), 0.0)
-        begun, whole = _caught_up, self.beats
-        ramp = min(_RAMP, 0.5 * whole or _RAMP)
-        if self.ramp > 0.0:
-            begun, ramp = _sped_up, min(self.ramp, whole or self.ramp)
-            whole += ramp
-        if self.beats <= 0.0 or done < 0.5 * whole:
-            return begun(done, ramp)
-        return self.beats - begun(max(whole - done, 0.0), ramp)
+        done = next(since) - next(since)
+        if self.beats <= 0.0:
+            return done
+        ramp, whole = beats_in_time(self.beats)
+        if done < 0.5 * whole:
+            return _sped_up(done, ramp)
+        return self.beats - _sped_up(whole - done, ramp)
 
     def angles(self, phase: float, time: float, inside: float, factor: float) -> _Angles:
         """Return the angles of a wing. inside: 1 of the wing inside a turn, -1 outside. factor: of

@@ -20,6 +20,7 @@ from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.read.readers import SceneReaders
 from featherfx.groom.types import Groom
 from featherfx.packages import load_name
+from featherfx.shot.motion.beat import beats_in_time
 from featherfx.shot.motion.body_joints import BODY_JOINTS
 from featherfx.shot.read.clocks import check_rate
 from featherfx.shot.sources import MovingSurface
@@ -133,8 +134,7 @@ def _ends(motion: Motion) -> Iterator[float]:
         and values["beats"]
         and isinstance(values["wingbeat_frequency"], float | int)
     ):
-        beats = values["beats"] + min(values["ramp_beats"], values["beats"])
-        own = [beats / values["wingbeat_frequency"]]
+        own = [beats_in_time(values["beats"])[1] / values["wingbeat_frequency"]]
     elif motion.kind not in ("hold", "level"):
         own = [math.inf]
     yield from (clock.start + each / clock.tempo for each in own)
