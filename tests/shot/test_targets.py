@@ -17,7 +17,7 @@ from featherfx.shot.direction.shapes import _shortest, along_line
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.partition.dependence import motion_dependences
-from featherfx.shot.types import Channel, Detail, Target
+from featherfx.shot.types import Channel, Detail, Motion, Target
 
 SAMPLE = SAMPLES / "swan_wing"
 HELD = ((3, 0), (8, 1), (14, 1), (20, 0))
@@ -241,8 +241,9 @@ def test_meshes_of_a_file_are_read(files):
     for feather, placement in zip(drawn, given.groom.feathers, strict=True):
         own = feather.surface.points(feather.rest) @ placement.rotation.T + placement.position
         assert given.targets[0].points[placement.id] == pytest.approx(own, abs=1e-6)
-    rest = replace(given, last_frame=3, targets=(Target(keys=((1, 1),)),))
-    one, other = (moved(each, *each.targets)[0] for each in (replace(given, last_frame=3), rest))
+    given = replace(given, last_frame=3, motion=Motion("hold", {}))
+    rest = replace(given, targets=(Target(keys=((1, 1),)),))
+    one, other = (moved(each, *each.targets)[0] for each in (given, rest))
     assert one == pytest.approx(other, abs=1e-6)
 
 
