@@ -79,3 +79,29 @@ def test_two_of_which_nothing_tells_which_is_over_which_are_named(tmp_path):
         frames = list(simulate(shot, 1))
     assert crossings(shot, frames[-1]) > 0
     assert all(np.isfinite(points).all() for frame in frames for points in frame.rows)
+
+
+def test_feathers_that_roots_lead_through_each_other_pass_and_are_named(tmp_path):
+    """One lies over the other at rest, and under it where the shot begins."""
+    first = FEATHER.format("one", [0, 0, 0], ALONG, UP)
+    second = FEATHER.format("two", [0.02, 0.01, 0.012], ALONG, UP) + 'joint = "arm"'
+    joint = '[[joint]]\nname = "arm"\nposition = [0, 0, 0]\n'
+    (tmp_path / "groom.toml").write_text(f'name = "led"\n{joint}{first}\n{second}\n')
+    keys = '{{ time = {}, joint = "arm", position = [0, 0, {}] }}'
+    under = f"keyframes = [{keys.format(0, -0.025)}, {keys.format(0.01, -0.0251)}]"
+    text = SHOT.replace('motion = "hold"\n', "").replace("[1, 2]", "[1, 4]")
+    (tmp_path / "shot.toml").write_text(f'{text}[motion]\nkind = "keys"\n{under}')
+    shot = read_shot(tmp_path / "shot.toml")
+    simulation, told = (
+        simulate(shot, 1),
+        "'one' and 'two' are .* mm through .* where the shot begins",
+    )
+    with pytest.warns(InputWarning, match=told):
+        found = [(frame.rows, simulation.checkpoint()) for frame in simulation]
+    contact = simulation.report["contact"]
+    assert contact["crossed"][0]["depth"] > 0.01
+    assert contact["crossed_pairs"] == 1
+    assert contact["most_contacts"] == contact["worst_depth"] == 0.0
+    # what passed still does in a run that goes on from there
+    (again,) = simulate(shot, 1, start=found[2][1], frames=(4, 4))
+    assert all(np.array_equal(*pair) for pair in zip(again.rows, found[3][0], strict=True))

@@ -25,7 +25,7 @@ from featherfx.shot.contact.bodies import Bodies, FeathersOver
 from featherfx.shot.contact.lift_then_settle import raised_points
 from featherfx.shot.contact.local_retry import SpanInputs, Stepper
 from featherfx.shot.contact.obstacles import Obstacles
-from featherfx.shot.contact.pairs import Encounters, FeathersAtRest, layered_pairs
+from featherfx.shot.contact.pairs import DEEP, Encounters, FeathersAtRest, layered_pairs
 from featherfx.shot.contact.settle import settled_together, warn_of_unsettled
 from featherfx.shot.contact.steps import (
     MORE_ITERATIONS,
@@ -133,6 +133,7 @@ class ShotContact:
             tolerance=min(each.contact_tolerance or 0.0 for each in own),
             newton=own[0].unpressed_newton_tolerance or 0.0,
             frame=1.0 / shot.frames_per_second,
+            deepest=np.maximum(2.0 * thickness, DEEP * rest.lengths),
         )
         self.solver = ContactSolver(solvers, candidates, halves, settings)
         led = np.arange(len(order)) >= len(order) - obstacles.count
@@ -218,6 +219,7 @@ class ShotContact:
             self.tally.repeated += done.tries
             parts.append(reports)
         self._pace, self._patience = steps.pace, steps.next_patience()
+        self._note_passed(f"in the frame from {start:.4g} s on")
         _warn_of(stepper.yielded & ~self._yielded, self.names, start)
         self._yielded |= stepper.yielded
         return current, [_summed(batch) for batch in zip(*parts, strict=True)]
@@ -249,10 +251,21 @@ class ShotContact:
             self._raised,
             obstacles,
         )
+        self._note_passed("where the shot begins")
         self.tally.rest_depth, self.tally.settled_depth = found.rest_depth, found.depth
         self._unresolved = self._still_deep()
         warn_of_unsettled(found, self.names, self._unresolved)
         return obstacles.solved(found.states)
+
+    def _note_passed(self, when: str) -> None:
+        """Take pairs that passed to those that are through each other, and say so."""
+        passed = self.solver.passed
+        if passed:
+            pairs, depths = (np.concatenate(each) for each in zip(*passed, strict=True))
+            passed.clear()
+            crossed = self._through_each_other(pairs, depths)
+            self._crossed = sorted([*self._crossed, *crossed], key=lambda each: -each["depth"])
+            _warn_of_passing(crossed, when)
 
     def _still_deep(self) -> list[dict[str, Any]]:
         """Pairs that are in each other by more than the tolerance, the deepest first."""
@@ -308,6 +321,7 @@ class ShotContact:
             "pace": np.array(self._pace),
             "patience": self._patience,
             "met": self.solver.candidates.pairs[self._at_rest :],
+            "passing": np.flatnonzero(np.isinf(self.solver.candidates.depth)),
         }
         return self.solver.memory._asdict() | known | self._obstacles.memory()
 
@@ -316,6 +330,7 @@ class ShotContact:
         if len(memory["met"]):
             self.solver.add_pairs(memory["met"])
             self._encounters.know(memory["met"])
+        self.solver.let_pass(memory["passing"])
         self.go_on(memory)
         self.bodies.begun = True
 
@@ -350,6 +365,20 @@ def _warn_of_crossed(crossed: Sequence[Mapping[str, Any]], laid: bool) -> None:
             InputWarning,
             stacklevel=2,
         )
+
+
+def _warn_of_passing(crossed: Sequence[Mapping[str, Any]], when: str) -> None:
+    """Say which feathers are let pass, and when they came to be through each other."""
+    first, more = crossed[0], len(crossed) - 1
+    warnings.warn(
+        f"contact: feathers '{first['feather']}' and '{first['other']}' are"
+        f" {1e3 * first['depth']:.2g} mm through each other {when}"
+        + (f", and so are {more} more pairs" if more else "")
+        + ". Nothing pushes them apart from there on. Keep the skin and their roots apart there,"
+        " or let kinds or regions in [contact] name only what has to push",
+        InputWarning,
+        stacklevel=2,
+    )
 
 
 def _warn_of(yielded: Flags, names: Sequence[str], time: float) -> None:

@@ -43,7 +43,7 @@ _NEAR = 0.1
 # part of the nodes by which one side must lead
 _CLEAR = 0.2
 # depth at rest, over the shorter feather's length, that an order may ask to be undone
-_DEEP = 0.05
+DEEP = 0.05
 # the same where the larger half of two that cut through each other is all that tells: some row
 # of feathers came apart at 0.020, one at 0.029 found no balance
 LEANING = 0.025
@@ -163,7 +163,7 @@ def _order_at_rest(
     upward = _agree(normals, rest.dorsal)[host] * np.sign(ranks[guest] - ranks[host])
     order = np.where(laid, upward, seen)
     for other in (seen, np.zeros_like(seen)):
-        order = np.where(_depths(order, agree, votes) > _DEEP * shorter[:half], other, order)
+        order = np.where(_depths(order, agree, votes) > DEEP * shorter[:half], other, order)
     least = np.minimum(votes.over, votes.under)
     cut = least[:half] > 0.0
     lean = np.where(cut & (order == 0), np.sign(both), 0.0).astype(np.int64)
@@ -172,7 +172,7 @@ def _order_at_rest(
     beneath = -_agree(normals, rest.dorsal)[host]
     coat = (ranks[guest] >= 0) | (ranks[host] >= 0)
     apart = _back_to_back(pairs[:half], rest) & (total > 0.0)
-    passed = apart & (_depths(beneath, agree, votes) > _DEEP * shorter[:half])
+    passed = apart & (_depths(beneath, agree, votes) > DEEP * shorter[:half])
     order = np.where(apart & ~(passed & coat), beneath, order)
     raised = _raised(pairs[:half][passed & ~coat], rest)
     order, coat = np.concatenate([order, -agree * order]), np.tile(coat, 2)
@@ -192,7 +192,7 @@ def _back_to_back(pairs: Indices, rest: FeathersAtRest) -> NDArray[np.bool_]:
     guest, host = pairs.T
     way = roots[guest] - roots[host]
     away = np.einsum("pk,pk->p", dorsal[guest], dorsal[host]) < OPPOSED
-    slack = _DEEP * rest.lengths[pairs].min(axis=1)
+    slack = DEEP * rest.lengths[pairs].min(axis=1)
     beneath = np.einsum("pk,pk->p", dorsal[host], way) <= slack
     return np.asarray(away & beneath & (np.einsum("pk,pk->p", dorsal[guest], way) >= -slack))
 
@@ -209,7 +209,7 @@ def _raised(pairs: Indices, rest: FeathersAtRest) -> Array:
         from_root = (rest.nodes[k] - rest.nodes[k][0, 0]).reshape(-1, 3)
         height = from_root @ normal
         along = np.linalg.norm(from_root - height[:, None] * normal, axis=1)
-        far = along > _DEEP * rest.lengths[k]
+        far = along > DEEP * rest.lengths[k]
         angle[k] = np.arctan2(-height[far], along[far]).max(initial=0.0)
     return np.minimum(angle, MAX_RAISED)
 

@@ -56,7 +56,7 @@ _LEFT = (
     (3.5, 2.8, 2.4, 2.2, 2.1, 2.1, 2.1, 2.1),
     (2.0, 1.3, 1.0, 0.7, 0.4, 0.2, 0.1, 0.0),
 )
-# Newton iterations of a feather after which settling ends, in balance or not
+# Newton iterations of a feather after which others pass it that it is in, or it is left as it is
 MAX_ITERATIONS = 4000
 # pairs named in a warning
 _MAX_NAMED = 3
@@ -72,7 +72,7 @@ class Settled:
     """States of the batches, at rest; depth: m, deepest penetration, and rest_depth: before.
 
     moving: bodies that found no balance, what moved farthest in the last step first. hard: which
-    took so many iterations that settling ended, if one did.
+    took so many iterations that it was left where it is, if one did.
     """
 
     states: list[State]
@@ -115,8 +115,6 @@ def settled_together(
             resting[:] = False
             for number in range(MAX_STEPS):
                 done(stage * MAX_STEPS + number, left.seconds)
-                if steps.spent.max() > MAX_ITERATIONS:
-                    break
                 new, contact, lengths = steps.take(current, h, resting, cut)
                 cut |= bool((lengths < h).any())
                 left.step(stage, number)
@@ -126,16 +124,16 @@ def settled_together(
                 rest_depth = contact.start_depth if rest_depth is None else rest_depth
                 depth = contact.depth
                 before = np.count_nonzero(~resting) if number else len(names)
-                quiet = (moved < solver.settings.tolerance) & (lengths == longest)
+                quiet = moved < solver.settings.tolerance * lengths / longest
                 resting = quiet & (contact.deep < solver.settings.tolerance)
                 awake = np.count_nonzero(~resting)
                 few = awake <= FEW * len(names) and (longest < _STEPS[-1] or awake >= before)
                 if few or not awake:
                     break
                 h = min(longest, float(lengths.max()) / CUT)
-    moving = np.flatnonzero(~quiet)
+    moving = np.flatnonzero(~quiet | steps.stuck)
     moving = moving[np.argsort(-moved[moving], kind="stable")]
-    hard = int(np.argmax(steps.spent)) if steps.spent.max(initial=0.0) > MAX_ITERATIONS else None
+    hard = int(np.argmax(steps.stuck)) if steps.stuck.any() else None
     return Settled(current, depth, rest_depth or 0.0, moving, hard)
 
 
@@ -155,7 +153,8 @@ class _Left:
 
 
 class _Steps:
-    """Damped steps of the batches. spent: (B,) Newton iterations so far."""
+    """Damped steps of the batches. stuck: (B,) bodies that stay where they are, as they took too
+    many iterations."""
 
     def __init__(
         self,
@@ -169,7 +168,7 @@ class _Steps:
         self._names, self._obstacles = names, obstacles
         self._thickness = 2.0 * float(solver.surfaces.half.max(initial=0.0))
         self._nobody = np.zeros(len(names), dtype=np.bool_)
-        self.spent = np.zeros(len(names))
+        self._spent, self.stuck = np.zeros(len(names)), self._nobody.copy()
         self._paths_of: Callable[[Sequence[State]], list[RootPath]] = held_roots
 
     def lowered(self, states: Sequence[State], raised: Array) -> list[State]:
@@ -184,7 +183,7 @@ class _Steps:
             current = [_stopped(state, time) for state in new]
             self._bodies.begun = True
         self._paths_of = held_roots
-        self.spent[:] = 0.0
+        self._spent[:] = 0.0
         return current
 
     def take(
@@ -197,16 +196,17 @@ class _Steps:
         """
         held, tried = self._nobody, None
         if apart:
-            tried = self._try(states, h, resting, held)
-            held = self._off(tried[2])
+            tried = self._try(states, h, resting, self.stuck)
+            held = self._off(tried[2]) & ~self.stuck
             if tried[1].any() or held.mean() > FEW:
                 held = self._nobody
             elif held.any():
                 tried = None
-        new, contact, length = self._part(states, h, resting, held, tried)
+        still = held | self.stuck
+        new, contact, length = self._part(states, h, resting, still, tried)
         lengths = np.full(len(held), length)
+        _put_back(new, states, still, self._solver.grids.first)
         if held.any():
-            _put_back(new, states, held, self._solver.grids.first)
             some, alone, lengths[held] = self._part(new, CUT * length, resting, ~held, None)
             _put_back(new, some, held, self._solver.grids.first)
             deep, off = (
@@ -226,7 +226,7 @@ class _Steps:
             new, status, contact = tried or self._try(states, h, resting, held, yielding)
             tried = None
             if not status.any() and not (self._off(contact).any() and CUT * h > SHORTEST_OFF):
-                self._solver.accept()
+                self._accept()
                 return new, contact, h
             if CUT * h >= SHORTEST:
                 h *= CUT
@@ -234,6 +234,15 @@ class _Steps:
                 yielding = status != 0.0
             else:
                 raise_if_failed(status, np.zeros(len(status)), self._names)
+
+    def _accept(self) -> None:
+        """Keep the forces of a step. What jams a feather that has taken too many iterations passes
+        from then on; where nothing does, the feather stays where it is."""
+        jammed, before = self._spent > MAX_ITERATIONS, len(self._solver.passed)
+        self._solver.accept(jammed=jammed)
+        self._spent[jammed] = 0.0
+        if len(self._solver.passed) == before:
+            self.stuck |= jammed
 
     def _try(
         self,
@@ -258,7 +267,7 @@ class _Steps:
             # what is nearly at rest is not cut for one feather that takes long
             manner = manner._replace(iterations=EASY if h <= _STEPS[0] else PATIENT * EASY)
         new, reports, contact = solver.interval(states, self._loads, paths, h, walls, manner)
-        self.spent += np.concatenate([report.iterations for report in reports])
+        self._spent += np.concatenate([report.iterations for report in reports])
         new = [*self._obstacles.solved(new), *self._obstacles.solved(states, False)]
         return new, np.concatenate([report.status for report in reports]), contact
 
@@ -308,8 +317,7 @@ def warn_of_unsettled(
     said = f"settle: {who} out of balance, not at rest against the others"
     if found.hard is not None:
         said += (
-            f". Settling ended when '{names[found.hard]}' had taken {MAX_ITERATIONS} Newton"
-            " iterations"
+            f". '{names[found.hard]}' was left where it is after {MAX_ITERATIONS} Newton iterations"
         )
     if deep and deep[0]["depth"] > found.rest_depth / 10.0:
         pairs = (

@@ -2,6 +2,8 @@
 
 from typing import NamedTuple
 
+import numpy as np
+
 from featherfx.algebra.vector_kernels import cross, dot, length, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.row_kernels import node_index
@@ -456,6 +458,8 @@ def find_contacts(candidates, search, earlier, clearance, low, high, touch):
     at = _first_key(search.memory.key, low * rows * width)
     for pair in range(low, high):
         guest, host = candidates.pairs[pair, 0], candidates.pairs[pair, 1]
+        if candidates.depth[pair] == np.inf:
+            continue
         if stale[guest] == 0 and stale[host] == 0:
             while old < kept and 0 <= before[old].pair < pair:
                 old += 1

@@ -99,7 +99,8 @@ class ContactSolver:
     """Steps several batches together; keeps the contact forces from interval to interval.
 
     solvers: of the batches, whose grids may differ. candidates: what may touch, by body (all
-    feathers of the first batch, then the next). halves: m, half thickness per body.
+    feathers of the first batch, then the next). halves: m, half thickness per body. passed: pairs
+    (N, 2) of bodies that accept let pass, with their depths (N,), m.
     """
 
     def __init__(
@@ -128,6 +129,8 @@ class ContactSolver:
         self._touching: tuple[Indices, ByBody] | None = None
         self._free = np.ones(bodies, dtype=np.bool_)
         self._fixed = np.zeros(bodies, dtype=np.int8)
+        self._deepest = np.broadcast_to(settings.deepest, bodies)
+        self.passed: list[tuple[Indices, Array]] = []
         self.memory = no_memory(self.surfaces)
         self._surprise = self.memory.surprise
         self._searched: Array | None = None
@@ -144,6 +147,11 @@ class ContactSolver:
             np.concatenate([known.depth, np.zeros(len(pairs))]),
         )
         self._searcher.take_on(self.candidates)
+
+    def let_pass(self, pairs: Indices) -> None:
+        """Keep some candidates (N,) apart no longer, in either role; their forces end."""
+        ends = np.sort(self.candidates.pairs, axis=1) @ [self.grids.bodies, 1]
+        self.candidates.depth[np.isin(ends, ends[pairs])] = np.inf
 
     def begin_frame(self) -> None:
         """Keep no matrix of the intervals before, so that what is stored goes on the same way."""
@@ -247,13 +255,29 @@ class ContactSolver:
         if (self.surfaces.exists > before.exists).any():
             self._searcher.forget()
 
-    def accept(self, but: Flags | None = None) -> None:
+    def accept(self, but: Flags | None = None, jammed: Flags | None = None) -> None:
         """Keep the forces of the last interval for the next one. but: (B,) bodies of which, and of
-        what touches them, those before are kept."""
+        what touches them, those before are kept. Pairs that are in each other by more than the
+        settings' deepest pass from now on, and are told by passed."""
+        self._let_deep_pass(but, jammed)
         kept = ~self._free if but is None else ~self._free | but
         found_in = self._found_in._replace(surprise=self._surprise)
         new = self.found.remembered(self.candidates.order, found_in)
         self.memory = self._joined(self.memory, new, kept, but is None) if kept.any() else new
+
+    def _let_deep_pass(self, but: Flags | None, jammed: Flags | None) -> None:
+        """Let pairs pass that are too deep in each other; but, jammed: of accept."""
+        guest, host, depth = self.depths()
+        most = self._deepest
+        if jammed is not None:
+            most = np.where(jammed, 2.0 * self.surfaces.half.max(axis=(1, 2)), most)
+        deep = (depth > np.minimum(most[guest], most[host])) & (host >= 0)
+        if but is not None:
+            deep &= ~but[guest] & ~but[host]
+        if deep.any():
+            pairs = self.found.contacts["pair"][deep]
+            self.let_pass(pairs)
+            self.passed.append((self.candidates.pairs[pairs], depth[deep]))
 
     def _joined(
         self, old: ContactMemory, new: ContactMemory, kept: Flags, led: bool

@@ -27,7 +27,8 @@ class ContactSettings:
     where frame is 0. rounds: most rounds over all feathers in an interval; twice as many over two
     alone. recovery: m/s, speed at which what begins too deep comes apart. newton: m, distance from
     its step's solution to which a feather is solved that nothing presses, where that may be more
-    than for others.
+    than for others. deepest: m, for all or (B,) bodies, depth beyond which two are no longer kept
+    apart.
     """
 
     friction: float = 0.3
@@ -38,6 +39,7 @@ class ContactSettings:
     recovery: float = 0.1
     newton: float = 0.0
     frame: float = 0.0
+    deepest: float | Array = np.inf
 
 
 class LedMotion(NamedTuple):

@@ -102,7 +102,7 @@ class ContactMemory(NamedTuple):
 class Candidates(NamedTuple):
     """pairs: (N, 2) guest and host by body. order: (N,) side of the host where the guest belongs
     (1: that of its normal, -1), 0 where only the poses tell. depth: (N,) m, by which the pair is
-    closer than its thickness as it is drawn, and may be."""
+    closer than its thickness as it is drawn, and may be; endless of one that is not kept apart."""
 
     pairs: Indices
     order: Indices
