@@ -48,6 +48,8 @@ MIN_PACE = 0.2
 _STEEPNESS, _DENSE_STEEPNESS = 1.0, 0.5
 # levels of leaves in use, of those that there are room for, from which on a coat is dense
 _CROWDED = 0.4
+# of the gap of a sparse coat, down to which a dense one is as thick; of its thickness, at most
+_TIGHTEST, _THICKEST = 0.8, 1.6
 # of the greatest, density far from all places, and least levels in use
 _FAR_DENSITY, _MIN_LEVELS = 1e-9, 1e-12
 
@@ -202,15 +204,15 @@ def make_fields(
     slope = np.einsum("tki,tk->ti", elements.gradients, phi[faces])[follicles.triangle]
     growth = dots(slope, heading)
     pace = np.maximum(mean(dots(slope, flow[follicles.triangle])), MIN_PACE)
-    steepness, gap = _find_capacity(length, mean(follicles.width), mean.density, spacing)
+    capacity = _find_capacity(length, mean(follicles.width), mean.density, spacing)
     return Fields(
         phi=phi,
         gain=length * pace,
-        thickness=spacing.thickness * length,
+        thickness=capacity.thickness * length,
         lift=np.maximum(rise - _USUAL_RISE * length, 0.0),
         rise=rise,
-        steepness=steepness,
-        gap=gap,
+        steepness=capacity.steepness,
+        gap=capacity.gap,
         length=length,
         strength=strength,
         growth=growth,
@@ -238,10 +240,16 @@ def slope_of_leaf(s: Array, steepness: Array) -> Array:
     return np.asarray(steepness * np.exp(-steepness * np.maximum(s, 0.0)) / -np.expm1(-steepness))
 
 
-def _find_capacity(
-    length: Array, width: Array, density: Array, spacing: CoatSpacing
-) -> tuple[Array, Array]:
-    """Steepness and gap (V,) for which the leaves that overlap at a place have room.
+class _Capacity(NamedTuple):
+    """Steepness, and thickness and gap over the length of feathers, (V,) each."""
+
+    steepness: Array
+    thickness: Array
+    gap: Array
+
+
+def _find_capacity(length: Array, width: Array, density: Array, spacing: CoatSpacing) -> _Capacity:
+    """Find the steepness, thickness and gap with which leaves that overlap at a place have room.
 
     A coat of n feathers a m^2, L long and W wide, needs L sqrt(n) (W sqrt(n) + 1) levels over a
     length, and has T g'(1) / gap.
@@ -252,4 +260,6 @@ def _find_capacity(
     crowded = np.clip(wanted / slope_of_leaf(np.ones(1), np.array([_STEEPNESS])) - 1.0, 0.0, 1.0)
     steepness = _STEEPNESS + crowded * (_DENSE_STEEPNESS - _STEEPNESS)
     room = slope_of_leaf(np.ones(len(root)), steepness) / np.maximum(wanted, _MIN_LEVELS)
-    return steepness, spacing.gap * np.minimum(1.0, room)
+    thick = np.clip(_TIGHTEST / room, 1.0, _THICKEST)
+    gap = spacing.gap * np.minimum(1.0, thick * room)
+    return _Capacity(steepness, spacing.thickness * thick, gap)

@@ -10,12 +10,18 @@ and below, never through them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from featherfx.algebra.element_kernels import fill_normals
-from featherfx.algebra.surface_elements import factorise, make_elements, make_stiffness
+from featherfx.algebra.surface_elements import (
+    TriangleElements,
+    factorise,
+    make_elements,
+    make_stiffness,
+)
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import dots, unit
 from featherfx.groom.skin.skin import closest
@@ -25,9 +31,10 @@ from featherfx.groom.skin.skin import closest
 _AHEAD, _MAX_ASIDE = (0.1, 0.0), 0.5
 _CLEARANCE = 0.01  # of the fan's length, of the sheet from the feathers
 _STATION = 0.03  # of the fan's length, between rings
-_SLOPE = 0.5  # of a ramp onto coverts
+_SLOPE, _STEEP = 0.5, 2.0  # of a ramp onto coverts, and of that below feathers behind them
 # of the height of the highest covert: of the top of a ramp over these, and reach of its smoothing
 _OVER, _REACH = 0.03, 0.3
+_TRIES = 4  # in which the feet of feathers are found along ways up
 # exponent of a ring's section, of an ellipse 2 as at the loop; of the fan's length, until it is so
 _ROUNDNESS, _FLATTENING = 4.0, 0.25
 
@@ -42,37 +49,73 @@ class _FanAxes(NamedTuple):
     length: float
 
 
-def raise_onto(points: Array, faces: Indices, above: Array) -> Array:
+def raise_onto(points: Array, faces: Indices, above: Array, hidden: Array) -> Array:
     """The points of a skin, raised smoothly to feathers that lie over it.
 
-    points: (V, 3) m, each place once. faces: (T, 3). above: (N, 3) m, points of these feathers.
+    Ways up are normals smoothed by as much as the skin rises, so that they do not meet over a
+    crease. points: (V, 3) m, each place once. faces: (T, 3). above: (N, 3) m, points of these
+    feathers. hidden: (M, 3) m, points over where it is not raised but under these feathers.
     """
-    from scipy.sparse import diags_array
-
     normals = np.empty_like(points)
     fill_normals(points, faces, normals)
     triangle, place = closest(above, points[faces])
-    corners = faces[triangle]
-    foot, normal = (np.einsum("nk,nkc->nc", place, x[corners]) for x in (points, normals))
-    height = dots(above - foot, unit(normal))
+    away = above - np.einsum("nk,nkc->nc", place, points[faces[triangle]])
+    elements = make_elements(points, faces)
+    ways = unit(_smoother(elements, faces, np.linalg.norm(away, axis=1).max())(normals))
+    corners, foot, height = _find_heights(points, faces, ways, above)
     height += _OVER * height.max()
-    rise = np.zeros(len(points))
+    feet = points, faces, corners, foot
+    rise = _ramp(*feet, height, _SLOPE)
+    corners, foot, _ = _find_heights(points, faces, ways, hidden)
+    rise = np.minimum(rise, -_ramp(points, faces, corners, foot, np.zeros(len(foot)), _SLOPE))
+    rise = np.maximum(np.maximum(rise, 0.0), _ramp(*feet, height, _STEEP))
+    smooth = _smoother(elements, faces, _REACH * rise.max())
+    soft = smooth(rise)
+    soft += smooth(np.maximum(rise - soft, 0.0))
+    return np.asarray(points + soft[:, None] * ways)
+
+
+def _find_heights(
+    points: Array, faces: Indices, ways: Array, own: Array
+) -> tuple[Indices, Array, Array]:
+    """Find the corners (N, 3) and feet (N, 3) m on a skin of points (N, 3) m over it, and their
+    heights (N,) m, along ways up (V, 3)."""
+    at, height = own, np.zeros(len(own))
+    for _ in range(_TRIES):
+        triangle, place = closest(at, points[faces])
+        corners = faces[triangle]
+        foot, way = (np.einsum("nk,nkc->nc", place, x[corners]) for x in (points, ways))
+        height = dots(own - foot, unit(way))
+        at = own - height[:, None] * unit(way)
+    return corners, foot, height
+
+
+def _ramp(
+    points: Array, faces: Indices, corners: Indices, foot: Array, height: Array, slope: float
+) -> Array:
+    """(V,) m, the least heights of a skin over heights (N,) m at feet from which they fall by a
+    slope."""
+    found = np.full(len(points), -np.inf)
     for own in corners.T:
         away = np.linalg.norm(points[own] - foot, axis=1)
-        np.maximum.at(rise, own, height - _SLOPE * away)
+        np.maximum.at(found, own, height - slope * away)
     edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
     edges = np.concatenate([edges, edges[:, ::-1]])
-    falls = _SLOPE * np.linalg.norm(np.diff(points[edges], axis=1)[:, 0], axis=1)
-    before = rise - 1.0
-    while (rise != before).any():
-        before = rise.copy()
-        np.maximum.at(rise, edges[:, 0], before[edges[:, 1]] - falls)
-    elements = make_elements(points, faces)
-    reaches = np.full(len(faces), (_REACH * rise.max()) ** 2)
-    solve = factorise(diags_array(elements.masses) + make_stiffness(elements, faces, reaches))
-    soft = solve(elements.masses * rise)
-    soft += solve(elements.masses * np.maximum(rise - soft, 0.0))
-    return np.asarray(points + soft[:, None] * normals)
+    falls = slope * np.linalg.norm(np.diff(points[edges], axis=1)[:, 0], axis=1)
+    before = np.empty_like(found)
+    while (found != before).any():
+        before = found.copy()
+        np.maximum.at(found, edges[:, 0], before[edges[:, 1]] - falls)
+    return found
+
+
+def _smoother(elements: TriangleElements, faces: Indices, reach: float) -> Callable[[Array], Array]:
+    """Means of values (V, ...) around, over a reach (m)."""
+    from scipy.sparse import diags_array
+
+    stiff = make_stiffness(elements, faces, np.full(len(faces), reach**2))
+    solve = factorise(diags_array(elements.masses) + stiff)
+    return lambda values: solve((elements.masses * values.T).T)
 
 
 def sew_fan(points: Array, faces: Indices, nodes: Array, others: Array) -> tuple[Array, Indices]:

@@ -33,6 +33,7 @@ from featherfx.groom.types import Groom, Placement
 _MAX_DISTANCE = 0.05
 # of the longest of a tail, from its roots to a skin that it does not stand on
 _FAN_REACH = 0.25
+_BEHIND = 0.4  # of the longest feather of a wing, from roots, where it hides skin without coverts
 _SHORTEST_OF_FAN = 0.75  # of the longest of a tail, feathers that are not its coverts
 # of the diameter of the rachis at its base: a follicle lies so deep in the skin
 _DEPTH = 0.6
@@ -227,7 +228,10 @@ def _grow(groom: Groom, chosen: Sequence[Placement]) -> tuple[LaidCoat, PlaneFor
     points, faces = _sew_tails(groom, *weld(skin))
     onto = [each for each in groom.feathers if each.grown and each.turning is not None]
     if onto:
-        points = raise_onto(points, faces, _nodes_of(onto).reshape(-1, 3))
+        rows = _nodes_of([each for each in groom.feathers if each.turning and not each.grown])
+        away = np.linalg.norm(rows - rows[:, :1, :1], axis=3)
+        hidden = rows[away > _BEHIND * away.max()]
+        points = raise_onto(points, faces, _nodes_of(onto).reshape(-1, 3), hidden)
     places = np.stack([each.position for each in chosen])
     triangle, place = closest(places, points[faces])
     foot = np.einsum("fk,fkc->fc", place, points[faces][triangle])

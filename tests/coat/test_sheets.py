@@ -84,18 +84,42 @@ def test_a_skin_that_no_loop_cuts_stays_as_it_is():
     assert still is faces
 
 
-def test_a_skin_rises_to_feathers_over_it_as_a_ramp():
-    """A plane rises over a plate 1 cm high, by less than 1 to 1 around it, and elsewhere stays."""
+def plate_over(points, height):
+    plate = np.abs(points[:, :2]).max(axis=1) < 0.021
+    return plate, points[plate] + (0.0, 0.0, height)
+
+
+def square(across=0.0):
+    """A sheet of 20 cm, V-shaped across a valley by a slope."""
     x, y = (each.ravel() for each in np.meshgrid(*[np.linspace(-0.1, 0.1, 41)] * 2, indexing="ij"))
-    points = np.stack([x, y, 0.0 * x], axis=1)
     corner = (np.arange(40)[:, None] * 41 + np.arange(40)).ravel()
     cells = corner[:, None] + np.array([[0, 41, 42], [0, 42, 1]]).reshape(1, -1)
-    faces = cells.reshape(-1, 3)
-    plate = np.abs(points[:, :2]).max(axis=1) < 0.021
-    above = points[plate] + (0.0, 0.0, 0.01)
-    raised = raise_onto(points, faces, above)
+    return np.stack([x, y, across * np.abs(y)], axis=1), cells.reshape(-1, 3)
+
+
+def test_a_skin_rises_to_feathers_over_it_as_a_ramp():
+    """A plane rises over a plate 1 cm high, by less than 1 to 1 around it, and elsewhere stays, as
+    it does under what is hidden."""
+    points, faces = square()
+    x, y = points[:, :2].T
+    plate, above = plate_over(points, 0.01)
+    hidden = (np.abs(y) < 0.03) & (x > 0.027)
+    raised = raise_onto(points, faces, above, points[:1])
     rise = raised[:, 2]
-    np.testing.assert_array_equal(raised[:, :2], points[:, :2])
+    np.testing.assert_allclose(raised[:, :2], points[:, :2], atol=1e-12)
     assert 0.0095 < rise[plate].min() < rise.max() < 0.0115  # m
     assert np.abs(rise[np.hypot(x, y) > 0.075]).max() < 2e-4
     assert np.abs(np.diff(rise.reshape(41, 41), axis=0)).max() < 0.005
+    under = raise_onto(points, faces, above, points[hidden] + (0.0, 0.0, 0.008))[:, 2]
+    assert under[hidden].max() < 0.3 * rise[hidden].max()
+    assert under[plate].min() > 0.009
+
+
+def test_a_skin_that_rises_over_a_crease_does_not_fold():
+    """Normals of a valley meet below a plate that is high over it."""
+    points, faces = square(across=0.6)
+    _, above = plate_over(points * (1.0, 1.0, 0.0), 0.03)
+    raised = raise_onto(points, faces, above, points[:1])
+    a, b, c = raised[faces].transpose(1, 0, 2)
+    assert np.cross(b - a, c - a)[:, 2].min() > 0.0
+    assert raised[:, 2][np.abs(points[:, :2]).max(axis=1) < 0.015].min() > 0.026
