@@ -156,10 +156,12 @@ def carry_out(task: BakeTask, notify: Callable[[int, int], None]) -> dict[str, A
     if "contact" in figures:
         figures["contact"]["written_depth"] = judged["skin_depth"]
     figures |= judged
-    if task.shot.groom.coat is not None:
+    groom = task.shot.groom
+    figures["skin_depth"]["unlaid"] = sum(each.grown for each in groom.feathers if not each.leaf)
+    if groom.coat is not None:
         from featherfx.feather.leaves import measure_cut_variation
 
-        figures["variation_cut"] = measure_cut_variation(task.shot.groom)
+        figures["variation_cut"] = measure_cut_variation(groom)
     first, last = task.frames
     return {
         "version": __version__,

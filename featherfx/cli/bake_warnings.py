@@ -15,6 +15,10 @@ _TOO_LONG = {
     "substeps_with_hooks_slipping": "{} in which hooks slip by more than a step should",
 }
 _FIXED_STEPS = "[contact] steps"
+_UNLAID = (
+    "Feathers of regions lie as they were placed. Give the groom a [layout], and they lie over each"
+    " other and keep to the skin as it moves"
+)
 _MAX_CHANGES = 12  # printed of a bake that reused samples of an earlier one
 
 
@@ -66,6 +70,8 @@ def print_warnings(result: dict[str, Any]) -> None:
         tell("\n".join(_undefined(result["undefined"])))
     for text in result.get("bounds_passed", ()):
         tell(f"featherfx: warning: {text}")
+    if (deep := result.get("skin_depth")) and deep["feathers_over"] and deep["unlaid"]:
+        tell(_UNLAID)
 
 
 def _off(contact: dict[str, Any]) -> str:

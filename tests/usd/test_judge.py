@@ -17,7 +17,14 @@ from featherfx.algebra.rotation import about_x
 from featherfx.baking.entries import entries_of
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import RowPoints, both, turned
-from featherfx.usd.check.bounds import MAX_STRAIN, list_passed_bounds
+from featherfx.usd.check import judge_kernels
+from featherfx.usd.check.bounds import (
+    BINS_PER_OCTAVE,
+    MAX_STRAIN,
+    MIN_EXPONENT,
+    OCTAVES,
+    list_passed_bounds,
+)
 from featherfx.usd.check.judge import judge_cache
 from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.options import WriteOptions
@@ -220,6 +227,37 @@ def test_velocities_are_held_against_the_motion(damaged, factor):
     # fast points are off by more than the rms speed
     assert report["velocity_mismatch"] > abs(factor - 1.0)
     assert [text for text in list_passed_bounds(report) if "velocities" in text]
+
+
+def _unexplained(place, rate, step):
+    """Velocities `rate` of one point at `place`, both along time, against its places: what is left
+    of them, over the rms speed, by counting as the judge does."""
+    counts, squares = np.zeros((3, OCTAVES * BINS_PER_OCTAVE), dtype=np.int64), 0.0
+    for k in range(2, len(place) - 2):
+        points = tuple(np.array([[x, 0.0, 0.0]], np.float32) for x in place[k - 2 : k + 3])
+        rates = np.array([[rate[k], 0.0, 0.0]], np.float32)
+        squares += judge_kernels.count_errors(points, rates, step, counts)
+    rms = np.sqrt(squares / (len(place) - 4))
+    exponents = MIN_EXPONENT + np.arange(counts.shape[1]) / BINS_PER_OCTAVE
+    return [2.0 ** exponents[np.flatnonzero(each)[-1]] / rms for each in counts[:2]]
+
+
+def test_velocities_at_kinks_and_of_motion_between_samples_are_explained():
+    time = np.arange(60) / 96.0
+    kinked, onwards = np.interp(time, [0.0, 0.25, 1.0], [0.0, 0.1, -0.2]), 0.4 * np.ones(60)
+    onwards[time >= 0.25] = -0.4
+    plain, left = _unexplained(kinked, onwards, 1.0 / 96.0)
+    assert plain > 0.5 > 1e-3 > left
+    # 30 Hz, a third of the samples' rate, of little way
+    quick = 188.5
+    swing, rate = np.sin(6.0 * time), 6.0 * np.cos(6.0 * time)
+    waves, waving = 4e-3 * np.sin(quick * time), 4e-3 * quick * np.cos(quick * time)
+    plain, left = _unexplained(swing + waves, rate + waving, 1.0 / 96.0)
+    assert plain > 0.03 > left
+    # of the step before: half of what a step adds
+    behind = np.diff(swing, prepend=0.0) * 96.0
+    plain, left = _unexplained(swing, behind, 1.0 / 96.0)
+    assert left > 0.8 * 0.5 * 6.0 / 96.0
 
 
 def test_check_measures_caches_and_is_strict_where_asked(caches, tmp_path):

@@ -152,13 +152,13 @@ def _read_thickness(stage: Any) -> float:
 class TrackMeasures:
     """Measures of all samples of a track of F feathers.
 
-    errors: counts of errors of velocities by size, and of what samples leave open. squares: sum of
+    errors: counts of errors of velocities by size, as of count_errors. squares: sum of
     squares of the speeds of points, m^2/s^2, of so many (rates).
     """
 
     def __init__(self, feathers: int) -> None:
         self.worst = Worst(*np.zeros((2, feathers, _KINDS)))
-        self.errors = np.zeros((2, OCTAVES * BINS_PER_OCTAVE), dtype=np.int64)
+        self.errors = np.zeros((3, OCTAVES * BINS_PER_OCTAVE), dtype=np.int64)
         self.squares, self.rates = 0.0, 0
 
 
@@ -228,9 +228,9 @@ def _compare(
         )
         judge_kernels.keep_jumps(samples, track.owner, sizes, _LIMITS, found.worst)
     if len(window) > 4 and all(even) and (middle := window[2].rates) is not None:
-        first, second, _, fourth, fifth = (each.points for each in window)
-        near, far = (second, first), (fourth, fifth)
-        found.squares += judge_kernels.count_errors(near, far, middle, steps[-1], found.errors)
+        first, second, third, fourth, fifth = (each.points for each in window)
+        points = first, second, third, fourth, fifth
+        found.squares += judge_kernels.count_errors(points, middle, steps[-1], found.errors)
         found.rates += len(middle)
 
 
@@ -240,7 +240,7 @@ class Judge:
     def __init__(self) -> None:
         self._names: dict[str, int] = {}
         self._worst = Worst(np.zeros((0, _KINDS)), np.zeros((0, _KINDS)))
-        self._errors = np.zeros((2, OCTAVES * BINS_PER_OCTAVE), dtype=np.int64)
+        self._errors = np.zeros((3, OCTAVES * BINS_PER_OCTAVE), dtype=np.int64)
         self._squares, self._rates = 0.0, 0
 
     def add(self, track: Track, found: TrackMeasures) -> None:
@@ -276,7 +276,7 @@ class Judge:
         )
         over = np.flatnonzero(stretches > bounds)
         over = over[np.argsort(-stretches[over] / bounds[over], kind="stable")]
-        mismatch, unresolved = (self._quantile(counts) for counts in self._errors)
+        mismatch, unexplained, open_ = (self._quantile(counts) for counts in self._errors)
         return {
             "lengths": {
                 "rachis_worst": float(value[:, RACHIS].max(initial=0.0)),
@@ -297,7 +297,8 @@ class Judge:
             "strain_worst": self._strain(),
             "skin_depth": self._depth(thickness),
             "velocity_mismatch": mismatch,
-            "velocity_resolved": unresolved is not None and unresolved < MAX_UNRESOLVED_SPEED,
+            "velocity_unexplained": unexplained,
+            "velocity_resolved": open_ is not None and open_ < MAX_UNRESOLVED_SPEED,
         }
 
     def _told(self, feather: int, kind: int) -> dict[str, Any]:

@@ -15,8 +15,9 @@ section, of half widths r2 and r3: of a beam whose sections stay plane (Timoshen
 Materials). Curvature is the turn from one segment to the next over their mean length at rest.
 
 The five-point difference is exact to h^4 / 30 times the fifth derivative, the central one to
-h^2 / 6 times the third (Abramowitz and Stegun, Handbook of Mathematical Functions, 25.3). They
-differ by little where samples resolve the motion.
+h^2 / 6 times the third (Abramowitz and Stegun, Handbook of Mathematical Functions, 25.3). What
+they differ by the samples leave open. At a kink of the motion, as a skin's frames are, a velocity
+may be that before or after it: the three-point differences of one side.
 """
 
 from __future__ import annotations
@@ -258,24 +259,29 @@ def _count(square, counts):
 
 
 @kernel
-def count_errors(before, after, rates, step, counts):
+def count_errors(points, rates, step, counts):
     """Count errors of velocities by size; return the sum of squares of the speeds of the points.
 
-    before, after: points at two samples each, the nearer first. rates: (V, 3). step: s. counts: of
-    errors, and of what the two differences of points differ by.
+    points: at five samples. rates: (V, 3) at the third. step: s. counts: of errors, of what of them
+    neither a kink nor the distance of the samples explains, and of what this leaves open.
     """
-    total = 0.0
+    total, double = 0.0, 2.0 * step
     for v in range(rates.shape[0]):
-        error = wave = 0.0
+        error = wave = onwards = arrived = 0.0
         for c in range(3):
-            near = float(after[0][v, c]) - before[0][v, c]
-            far = float(after[1][v, c]) - before[1][v, c]
-            rate = (8.0 * near - far) / (12.0 * step)
+            here = float(points[2][v, c])
+            first, second = points[0][v, c] - here, points[1][v, c] - here
+            fourth, fifth = points[3][v, c] - here, points[4][v, c] - here
+            rate = (8.0 * (fourth - second) - (fifth - first)) / (12.0 * step)
             error += (rates[v, c] - rate) ** 2
-            wave += (rate - near / (2.0 * step)) ** 2
+            wave += (rate - (fourth - second) / double) ** 2
+            onwards += (rates[v, c] - (4.0 * fourth - fifth) / double) ** 2
+            arrived += (rates[v, c] - (first - 4.0 * second) / double) ** 2
             total += rate**2
         _count(error, counts[0])
-        _count(wave, counts[1])
+        left = max(sqrt(min(error, min(onwards, arrived))) - sqrt(wave), 0.0)
+        _count(left * left, counts[1])
+        _count(wave, counts[2])
     return total
 
 
