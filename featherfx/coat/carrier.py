@@ -68,7 +68,8 @@ def find_neighbours(faces: Indices) -> Indices:
     """Return (T, 3) the triangle across the edge opposite each corner, -1 where not just one is."""
     edges = np.concatenate([faces[:, [(i + 1) % 3, (i + 2) % 3]] for i in range(3)])
     edges = np.sort(edges, axis=1)
-    _, edge, count = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
+    numbers = edges @ [faces.max(initial=0) + 1, 1]
+    _, edge, count = np.unique(numbers, return_inverse=True, return_counts=True)
     order = np.argsort(edge.ravel(), kind="stable")
     paired = order[(count == 2)[edge.ravel()[order]]].reshape(-1, 2)
     found = np.full(len(edges), -1)

@@ -75,7 +75,8 @@ def colour_feather(
     side = np.where(surface.node > columns, TRAILING, LEADING)
     place = np.where(surface.node > columns, surface.node - columns, surface.node)
     points, values = _vane_colours(kind, np.asarray(_row_places(feather)[side, surface.row, place]))
-    on_rachis = np.unique(feather.surface.triangles[feather.surface.part == RACHIS_PART])
+    on_rachis = np.zeros(len(points), dtype=np.bool_)
+    on_rachis[surface.triangles[surface.part == RACHIS_PART]] = True
     points[on_rachis] = rachis
     for name in (each for each in shading if each not in PIGMENTS):
         values[name][on_rachis] = 0.0

@@ -21,7 +21,17 @@ from typing import NamedTuple
 from featherfx.algebra.lanes import COUNT as LANES
 from featherfx.algebra.lanes import load, put, transposed
 from featherfx.algebra.types import Array, Indices
-from featherfx.algebra.vector_kernels import add, combined, cross, dot, length, scale, store, sub
+from featherfx.algebra.vector_kernels import (
+    add,
+    combined,
+    cross,
+    dot,
+    length,
+    normal_of,
+    scale,
+    store,
+    sub,
+)
 from featherfx.coat.forms import PlaneForms
 from featherfx.coat.leaf_kernels import leaf_point, rounded, unit, without
 from featherfx.jit.compiled import kernel
@@ -96,6 +106,16 @@ def _leaf_frame(start, end, n):
     """The frame F over a triangle by two of its corners, with the normal n there."""
     side = unit(without(sub(end, start), n))
     return side, cross(n, side), n
+
+
+@kernel
+def carry_points(skin, corners, weights, away, points):
+    """Points (V, 3) m over triangles (V, 3) of a skin (S, 3) m, by barycentric weights (V, 3) and
+    ways from there (V, 3) m in the frames of these."""
+    for v in range(points.shape[0]):
+        a, b, c = skin[corners[v, 0]], skin[corners[v, 1]], skin[corners[v, 2]]
+        frame = _leaf_frame(a, b, unit(normal_of(a, b, c)))
+        store(points[v], add(_blended(weights[v], a, b, c), _from_axes(away[v], frame)))
 
 
 @kernel

@@ -60,7 +60,6 @@ _LEAST_COSINE = 0.1  # of the pitch of roots: steeper ones raise a coat no furth
 # loss of the cosine between pieces of a feather from which folds are bridged, and at which wholly:
 # those of 45 and 90 degrees
 _FOLDING, _FOLDED = 0.3, 1.0
-_NO_HEIGHT = 1e-9  # m, of the coat's points off the skin of the shot
 
 
 class CarriedPoints:
@@ -78,15 +77,14 @@ class CarriedPoints:
         self._corners = triangles[triangle]
         own = corners[triangle]
         away = points - np.einsum("vk,vkc->vc", self._weights, own)
-        self._off = np.flatnonzero(np.linalg.norm(away, axis=1) > _NO_HEIGHT)
-        self._away = np.einsum("vij,vj->vi", _find_axes(own[self._off]), away[self._off])
+        self._away = np.einsum("vij,vj->vi", _find_axes(own), away)
 
     def at(self, time: float) -> Array:
         """The points at a time, s."""
-        skin = np.concatenate([each.points(time) for each in self._surfaces])[self._corners]
-        found = np.einsum("vk,vkc->vc", self._weights, skin)
-        found[self._off] += np.einsum("vij,vi->vj", _find_axes(skin[self._off]), self._away)
-        return np.asarray(found)
+        skin = np.concatenate([each.points(time) for each in self._surfaces])
+        found = np.empty_like(self._away)
+        kernels.carry_points(skin, self._corners, self._weights, self._away, found)
+        return found
 
 
 def _find_axes(corners: Array) -> Array:

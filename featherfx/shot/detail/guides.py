@@ -268,7 +268,8 @@ def _graph(roots: Array, skin: SkinGraph) -> tuple[Any, int]:
     near = near.reshape(len(roots), -1)
     pairs = np.column_stack([np.repeat(np.arange(len(roots)), near.shape[1]), near.ravel()])
     pairs = pairs[pairs[:, 0] != pairs[:, 1]]
-    pairs = np.unique(np.sort(pairs, axis=1), axis=0)
+    numbers = np.unique(np.sort(pairs, axis=1) @ [len(roots), 1])
+    pairs = np.stack(np.divmod(numbers, len(roots)), axis=1)
     shared = (own[pairs[:, 0], :, None] == own[pairs[:, 1], None, :]).any(axis=(1, 2))
     ends.append(first + pairs[shared])
     edges, places = np.concatenate(ends), np.concatenate([skin.points, roots])

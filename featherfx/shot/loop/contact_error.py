@@ -99,7 +99,7 @@ def nearest_pushing(shot: Shot, options: Sequence[FeatherOptions], centre: int) 
 def _measured(shot: Shot) -> PatchErrors:
     drawn, motion = drawn_feathers(shot), root_motion(shot)
     options = resolve_options(shot, drawn, motion).feathers
-    deflections = estimate_deflections(shot, drawn, estimate_loads(shot, motion))
+    deflections = estimate_deflections(shot, drawn, estimate_loads(shot, motion), range(len(drawn)))
     found: dict[int, tuple[float, bool]] = {}
     with nothing_kept(), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the bake itself warns

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -49,20 +49,24 @@ def vane_pressure(kind: FeatherKind, loads: LoadEstimate, feather: int) -> float
 
 
 def estimate_deflections(
-    shot: Shot, feathers: Sequence[Feather], loads: LoadEstimate
+    shot: Shot, feathers: Sequence[Feather], loads: LoadEstimate, chosen: Container[int]
 ) -> list[Deflection]:
     """Estimate how far (m) the loads, grips and forces of a shot bend every feather's rachis, and
-    how far loads would bend its barbs if they bent in proportion."""
+    how far loads would bend its barbs if they bent in proportion; 0 of those that are not chosen,
+    by number."""
     # a grip bends the shaft as far as it reaches
     reach = {grip.feather: float(np.linalg.norm(grip.displacement)) for grip in shot.grips}
     reach |= {force.feather: np.inf for force in shot.forces}
     found = []
     for f, (feather, placement) in enumerate(zip(feathers, shot.groom.feathers, strict=True)):
-        kind = placement.kind
+        kind, is_pulled = placement.kind, placement.id in reach
+        if f not in chosen:
+            found.append(Deflection(0.0, 0.0, is_pulled))
+            continue
         sag = rachis_deflection(feather, kind, loads.acceleration[f], loads.pressure[f])
         sag = min(max(sag, reach.get(placement.id, 0.0)), kind.length)
         barb = barb_load(feather, kind, vane_pressure(kind, loads, f))
-        found.append(Deflection(sag, barb, placement.id in reach))
+        found.append(Deflection(sag, barb, is_pulled))
     return found
 
 

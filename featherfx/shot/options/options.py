@@ -180,11 +180,12 @@ def resolve_options(
     is_measured = True
     if quality.promised is not None or CHOSEN in (quality.coefficients, quality.simulated_rows):
         loads = estimate_loads(shot, motion)
-        deflections = estimate_deflections(shot, feathers, loads)
+        solved = [f for f, (level, _) in enumerate(levels) if level not in UNSOLVED_LEVELS]
+        looked_at = range(len(feathers)) if quality.promised is None else frozenset(solved)
+        deflections = estimate_deflections(shot, feathers, loads, looked_at)
         if quality.promised is not None:
             measure = load_name("loop.calibration:measure_grids")
-            solved = np.flatnonzero([level not in UNSOLVED_LEVELS for level, _ in levels])
-            found = measure(shot, solved, loads, deflections, free, until)
+            found = measure(shot, np.array(solved, dtype=np.int64), loads, deflections, free, until)
             is_measured = found is not None
             measured = found or [first_grid(quality.promised)] * len(feathers)
             why = f"measured for an error of {100.0 * quality.promised:g} % ({source_of('error')})"

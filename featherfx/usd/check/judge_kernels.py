@@ -22,12 +22,12 @@ may be that before or after it: the three-point differences of one side.
 
 from __future__ import annotations
 
-from math import log2, sqrt
+from math import acos, log2, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.vector_kernels import add, cross, dot, length, scale, sub
+from featherfx.algebra.vector_kernels import accumulate, add, cross, dot, length, scale, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.usd.check.bounds import BINS_PER_OCTAVE, MIN_EXPONENT
 
@@ -283,6 +283,21 @@ def count_errors(points, rates, step, counts):
         _count(left * left, counts[1])
         _count(wave, counts[2])
     return total
+
+
+@kernel
+def find_normals(points, triangles, normals):
+    """Unit normals (V, 3) of points, the mean of those of faces, by their angles at a point."""
+    normals[:] = 0.0
+    for t in range(triangles.shape[0]):
+        for k in range(3):
+            here = points[triangles[t, k]]
+            ahead = _unit(sub(points[triangles[t, (k + 1) % 3]], here))
+            behind = _unit(sub(points[triangles[t, (k + 2) % 3]], here))
+            angle = acos(min(max(dot(ahead, behind), -1.0), 1.0))
+            accumulate(normals[triangles[t, k]], angle, _unit(cross(ahead, behind)))
+    for v in range(normals.shape[0]):
+        store(normals[v], _unit(normals[v]))
 
 
 @kernel

@@ -20,9 +20,8 @@ from pxr import Gf, Usd, UsdGeom, UsdSkel
 from scipy.spatial import cKDTree
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.algebra.vectors import unit
 from featherfx.usd.check.bounds import USUAL_THICKNESS
-from featherfx.usd.check.judge_kernels import find_depths, find_nodes
+from featherfx.usd.check.judge_kernels import find_depths, find_nodes, find_normals
 from featherfx.usd.check.tracks import BARB, Track
 from featherfx.usd.read.opening import read_scenery
 from featherfx.usd.read.scenery import find_scenery
@@ -60,14 +59,9 @@ def sample_triangles(corners: Array, count: int) -> SkinSamples:
 
 def point_normals(points: Array, triangles: Indices) -> Array:
     """Return (V, 3) unit normals, the mean of those of faces, by their angles at a point."""
-    corners, sums = points[triangles], np.zeros_like(points)
-    normal = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
-    for k in range(3):
-        sides = [unit(corners[:, (k + step) % 3] - corners[:, k]) for step in (1, 2)]
-        angle = np.arccos(np.clip(np.sum(sides[0] * sides[1], axis=1), -1.0, 1.0))
-        for c in range(3):
-            sums[:, c] += np.bincount(triangles[:, k], angle * normal[:, c], len(points))
-    return unit(sums)
+    normals = np.empty_like(points)
+    find_normals(points, triangles, normals)
+    return normals
 
 
 class SkinDepths:
@@ -178,9 +172,9 @@ class _Probe:
 def _border_points(triangles: Indices, count: int) -> Flags:
     """Return (V,) whether a point is on an edge of one face only."""
     edges = np.sort(np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)]), axis=1)
-    each, times = np.unique(edges, axis=0, return_counts=True)
+    each, times = np.unique(edges @ [count, 1], return_counts=True)
     border = np.zeros(count, dtype=np.bool_)
-    border[each[times == 1]] = True
+    border[np.stack(np.divmod(each[times == 1], count))] = True
     return border
 
 

@@ -287,7 +287,8 @@ def _find_strands(shape: MeshShape, owner: Indices) -> Strands:
     out = np.abs(shape.st[:, 0].astype(np.float64) - _ON_RACHIS)
     edges = np.sort(edges, axis=1)  # places on a tie by their numbers, so that no chain is a ring
     order = np.argsort(out[edges], axis=1, kind="stable")
-    edges = np.unique(np.take_along_axis(edges, order, axis=1), axis=0)
+    numbers = np.unique(np.take_along_axis(edges, order, axis=1) @ [len(row), 1])
+    edges = np.stack(np.divmod(numbers, len(row)), axis=1)
     # a point's barb is told by its first point, which follows the rachis
     barb = np.arange(len(row))
     inner = out[edges[:, 0]] > 0.0

@@ -256,7 +256,7 @@ class Surface(ScenePrim):
 
     def corners(self, code: float, triangles: Indices) -> Array:
         """(F, 3, 3) m, corners of triangles (F, 3) of points at a time code."""
-        return self._finite(self._at(code)[triangles], code)
+        return self._finite(self._at(code).take(triangles, axis=0), code)
 
     def points(self, code: float) -> Array:
         """(V, 3) m, all points at a time code."""
