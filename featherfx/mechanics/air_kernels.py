@@ -78,6 +78,8 @@ from featherfx.algebra.vector_kernels import (
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.row_kernels import node_index
 
+# d; m/s below which air stands
+STALL_ROUNDNESS, NO_SPEED = 0.25, 1e-9
 # of the width of a vane
 EVEN_RATIO = 1.0 / 3.76
 # of the length of both barbs of a row: 0.64 / 3.76
@@ -167,34 +169,36 @@ def _stands_for(model, f, i):
 
 
 @kernel
-def _even_out(model, f, side, p, area, room, passed_on):
-    """Areas of one column of nodes, along the vane's normals evened out along the rachis.
+def _even_out(model, f, side, area, room, passed_on):
+    """Areas of the nodes of one vane, along its normals evened out along the rachis.
 
-    The rows' equations are a tridiagonal system, solved from the base to the tip and back.
-    area: (n, 1 + 2 m, 3), written. room: the same, scratch. passed_on: (n, 1 + 2 m), scratch.
+    The rows' equations are tridiagonal systems, one a column, solved from the base to the tip and
+    back. area: (n, 1 + 2 m, 3), written. room: the same, scratch. passed_on: (n, 1 + 2 m), scratch.
     """
-    rows, before, share = area.shape[0], (0.0, 0.0, 0.0), 0.0
+    rows, columns, below = area.shape[0], area.shape[1] // 2, 0.0
+    first = node_index(side, 1, columns)
     for i in range(rows):
-        store(room[i, p], area[i, p])
-        size = length(area[i, p])
-        own = _stands_for(model, f, i) if size > 0.0 else 0.0
-        below, above = _joined(model, f, side, i - 1), _joined(model, f, side, i)
-        whole = own + above + below * (1.0 - share)
-        if whole > 0.0:
-            of_own = own / (whole * size) if size > 0.0 else 0.0
-            before = combined(of_own, area[i, p], below / whole, before)
-            share = above / whole
-        else:
-            before, share = (0.0, 0.0, 0.0), 0.0
-        store(area[i, p], before)
-        passed_on[i, p] = share
-    after = (0.0, 0.0, 0.0)
+        stretch, above = _stands_for(model, f, i), _joined(model, f, side, i)
+        for p in range(first, first + columns):
+            store(room[i, p], area[i, p])
+            size = length(area[i, p])
+            own, share = stretch if size > 0.0 else 0.0, passed_on[i - 1, p] if i > 0 else 0.0
+            whole = own + above + below * (1.0 - share)
+            of_own = own / (whole * size) if own > 0.0 else 0.0
+            passed_on[i, p] = above / whole if whole > 0.0 else 0.0
+            store(area[i, p], scale(of_own, area[i, p]))
+            if below > 0.0 and whole > 0.0:
+                accumulate(area[i, p], below / whole, area[i - 1, p])
+        below = above
     for k in range(rows):
         i = rows - 1 - k
-        after = combined(1.0, area[i, p], passed_on[i, p], after)
-        square = dot(after, after)
-        seen = abs(dot(room[i, p], after)) / square if square > 0.0 else 0.0
-        store(area[i, p], scale(seen, after))
+        for p in range(first, first + columns):
+            if k > 0:
+                accumulate(area[i, p], passed_on[i, p], room[i + 1, p])
+            square = dot(area[i, p], area[i, p])
+            seen = abs(dot(room[i, p], area[i, p])) / square if square > 0.0 else 0.0
+            store(room[i, p], area[i, p])
+            store(area[i, p], scale(seen, area[i, p]))
 
 
 @kernel
@@ -205,10 +209,8 @@ def vane_areas(model, f, points, area, room, passed_on):
     the same, scratch. passed_on: (n, 1 + 2 m), scratch.
     """
     area_vectors(points, model.cell_stiffness[f], area)
-    columns = points.shape[1] // 2
     for side in range(2):
-        for j in range(columns):
-            _even_out(model, f, side, node_index(side, j + 1, columns), area, room, passed_on)
+        _even_out(model, f, side, area, room, passed_on)
 
 
 @kernel
@@ -330,14 +332,25 @@ def blow(points, time, loads, f, velocity, model, around):
             around.speed[i, p] = length(sub(velocity[i, p], around.wind[i, p]))
     if min(model.passing[f, 0, 0], model.passing[f, 1, 0]) < inf:
         _let_through(model, f, loads.air, velocity, around)
-    if model.attached[f, 0] > 0.0:
+    around.stream[:] = 0.0
+    if model.attached[f, 0] * model.attached[f, 1] > 0.0:
         for i in range(points.shape[0]):
-            _row_stream(points, i, velocity, around)
+            _attach_row(points, i, model.attached[f], velocity, around)
 
 
 @kernel
-def _row_stream(points, i, velocity, around):
-    """Write the stream of attached flow at the nodes of row i: (T m/s, w, z m/s)."""
+def _attached(y):
+    """Return E and its derivative."""
+    over = min(max(abs(y) - 1.0 + STALL_ROUNDNESS, 0.0), 2.0 * STALL_ROUNDNESS)
+    level = min(max(y, -1.0 - STALL_ROUNDNESS), 1.0 + STALL_ROUNDNESS)
+    bent = over / STALL_ROUNDNESS
+    return level - 0.25 * bent * over * (1.0 if y > 0.0 else -1.0), 1.0 - 0.5 * bent
+
+
+@kernel
+def _attach_row(points, i, flow, velocity, around):
+    """Write the tangent of attached flow at the nodes of row i: its force and slope, of stream.
+    flow: H and a."""
     columns, last = points.shape[1] // 2, points.shape[0] - 1
     way = unit_normal(sub(points[min(i + 1, last), 0], points[max(i - 1, 0), 0]))
     ends = sub(points[i, columns], points[i, 2 * columns])
@@ -349,9 +362,15 @@ def _row_stream(points, i, velocity, around):
         along = combined(1.0, u, -dot(u, n), n)
         across = combined(1.0, along, -dot(along, way), way)
         half, ahead = 0.5 * abs(dot(across, ends)), dot(across, sub(points[i, p], middle))
-        stream[p, 0], stream[p, 2] = length(across), -dot(u, n)
+        stream[p, 0], stream[p, 2] = length(across), dot(u, n)
         stream[p, 1] = 1.0 + min(max(ahead / half, -1.0), 1.0) if half > 0.0 else 1.0
         through += size * dot(u, n)
         whole += size
+    mean = through / whole if whole > 0.0 else 0.0
     for p in range(points.shape[1]):
-        stream[p, 2] += through / whole if whole > 0.0 else 0.0
+        speed, ahead, un = stream[p, 0], stream[p, 1], stream[p, 2]
+        push, rise = (
+            _attached(flow[1] * mean / (flow[0] * speed)) if speed > NO_SPEED else (0.0, 0.0)
+        )
+        slope = ahead * speed * flow[1] * rise
+        stream[p, 0], stream[p, 1] = ahead * speed * speed * flow[0] * push - slope * un, slope

@@ -19,17 +19,18 @@ stiffness to a step and never makes it unstable. Unequal C_n and C_t push sidewa
 
 Attached flow adds, at a speed T of the air along the vane and across the rachis,
 
-    1/2 rho S w T^2 H E(a x / H),    x = (u.n + z) / T
+    1/2 rho S w T^2 H E(a x / H),    x = u.n / T
 
     E(y) = y up to 1 - d,    y - (y - 1 + d)^2 / 4 d up to 1 + d,    1 beyond,    E(-y) = -E(y)
 
 a is the slope of the normal coefficient by the aspect of the vane (Helmbold 1942), H the most of
-it, where flow stalls, d how round that is. z is what u.n lacks of its mean over the row: a row
-meets the stream as a plate would, and camber lifts nothing. w falls from 2 at the leading edge to 0
-at the trailing edge, so that flow presses at a third of the chord. A stream along the rachis lifts
-nothing. With x = tan(angle), C_N = (C_n x^2 + H E) / (1 + x^2): Helmbold's line up to stall, plates
-of aspect 2 up to 20 degrees (Pelletier and Mueller 2000, Re 1.4e5), and of any aspect from 30
-degrees (Lindenburg 2003, ECN-C--03-025). The force grows with u.n, so D stays convex.
+it, where flow stalls, d how round that is. u.n is its mean over the row, which meets the stream as
+a plate would: camber lifts nothing. w falls from 2 at the leading edge to 0 at the trailing edge,
+so that flow presses at a third of the chord. A stream along the rachis lifts nothing. Of E a step
+takes the tangent at its start. With x = tan(angle), C_N = (C_n x^2 + H E) / (1 + x^2):
+Helmbold's line up to stall, plates of aspect 2 up to 20 degrees (Pelletier and Mueller 2000, Re
+1.4e5), and of any aspect from 30 degrees (Lindenburg 2003, ECN-C--03-025). The tangent rises with
+u.n, so D stays convex.
 """
 
 from featherfx.algebra.vector_kernels import (
@@ -42,62 +43,41 @@ from featherfx.algebra.vector_kernels import (
     sub,
 )
 from featherfx.jit.compiled import kernel
-from featherfx.mechanics.air_kernels import carries_air, unit_normal
-
-# d; m/s below which air stands
-STALL_ROUNDNESS, NO_SPEED = 0.25, 1e-9
+from featherfx.mechanics.air_kernels import carries_air
 
 
 @kernel
-def _attached(flow, stream, un):
-    """(energy, force, its derivative by u.n) of attached flow, over rho S / 2. flow: H and a.
-    stream: T, w and z."""
-    most, speed, start = flow[0], stream[0], 1.0 - STALL_ROUNDNESS
-    if most * flow[1] <= 0.0 or speed <= NO_SPEED:
-        return 0.0, 0.0, 0.0
-    steep, force = flow[1] / (most * speed), stream[1] * speed * speed * most
-    y = steep * (un + stream[2])
-    over = min(max(abs(y) - start, 0.0), 2.0 * STALL_ROUNDNESS)
-    level, bent = min(max(y, -1.0 - STALL_ROUNDNESS), 1.0 + STALL_ROUNDNESS), over / STALL_ROUNDNESS
-    push = level - 0.25 * bent * over * (1.0 if y > 0.0 else -1.0)
-    work = 0.5 * level * level - bent * over * over / 12.0 + (y - level) * push
-    return force / steep * work, force * push, force * steep * (1.0 - 0.5 * bent)
+def _facing(around, i, p):
+    """Return the unit normal at a node, zero where it has none, and the area, m^2."""
+    size = length(around.area[i, p])
+    return scale(1.0 / size if size > 0.0 else 0.0, around.area[i, p]), size
 
 
 @kernel
-def _air_factors(area, rachis, air, speed):
-    """(unit normal, 1/2 rho S C_n, 1/2 rho S C_t |u0|) at a point; rachis: m^2 of bare rachis."""
-    size = length(area)
-    half = 0.5 * air[0]
-    tangential = half * (size * air[2] + rachis * air[3]) * speed
-    return unit_normal(area), half * size * air[1], tangential
-
-
-@kernel
-def _drag(model, loads, f, rate, point, around, i, p):
+def _drag(air, rachis, facing, rate, point, around, i, p):
     """Energy D, its gradient by the velocity, and what its second derivative is made of.
 
-    i, p: row and node. The second derivative is b 1 + (a - b) n n^T; returns
-    (D, gradient, a, b, n).
+    air: of Loads. rachis: m^2 of bare rachis. facing: of _facing. i, p: row and node. The second
+    derivative is b 1 + (a - b) n n^T; returns (D, gradient, a, b).
     """
-    rachis = model.rachis_area[f, i] if p == 0 else 0.0
-    n, normal, tangential = _air_factors(around.area[i, p], rachis, loads.air, around.speed[i, p])
+    (n, size), half = facing, 0.5 * air[0]
+    normal, tangential = half * size * air[1], half * (size * air[2] + rachis * air[3])
+    tangential, half = tangential * around.speed[i, p], half * size
     u = sub(scale(rate, sub(point, around.past.nodes[i, p])), around.wind[i, p])
     un = dot(u, n)
     t = sub(u, scale(un, n))
-    half = 0.5 * loads.air[0] * length(around.area[i, p])
-    work, push, second = _attached(model.attached[f], around.stream[i, p], un)
-    energy = normal * abs(un) ** 3 / 3.0 + 0.5 * tangential * dot(t, t) + half * work
-    gradient = combined(normal * abs(un) * un + half * push, n, tangential, t)
-    return energy, gradient, 2.0 * normal * abs(un) + half * second, tangential, n
+    force, slope = half * around.stream[i, p, 0], half * around.stream[i, p, 1]
+    energy = normal * abs(un) ** 3 / 3.0 + 0.5 * tangential * dot(t, t)
+    energy += (force + 0.5 * slope * un) * un
+    gradient = combined(normal * abs(un) * un + force + slope * un, n, tangential, t)
+    return energy, gradient, 2.0 * normal * abs(un) + slope, tangential
 
 
 @kernel
-def _carry(inertia, x, around, i, p):
-    """Added mass at a point: A = 1/2 k d^2; returns (k, d = n.(x - x_t) - g / a, n)."""
-    n = unit_normal(around.area[i, p])
+def _carry(inertia, x, n, around, i, p):
+    """Added mass at a point: A = 1/2 k d^2; returns (k, d = n.(x - x_t) - g / a)."""
     distance = dot(n, sub(x, around.target.nodes[i, p])) - around.slip[i, p] / inertia
-    return inertia * around.carried[i, p], distance, n
+    return inertia * around.carried[i, p], distance
 
 
 @kernel
@@ -116,11 +96,13 @@ def node_energy(model, loads, f, factors, points, around):
             offset = sub(x, around.target.nodes[i, p])
             total += 0.5 * inertia * m * dot(offset, offset)
             total -= m * dot(loads.gravity, x)
+            facing = _facing(around, i, p)
             if carries:
-                stiffness, distance, _ = _carry(inertia, x, around, i, p)
+                stiffness, distance = _carry(inertia, x, facing[0], around, i, p)
                 total += 0.5 * stiffness * distance * distance
             if blowing:
-                total += _drag(model, loads, f, rate, x, around, i, p)[0] / rate
+                rachis = model.rachis_area[f, i] if p == 0 else 0.0
+                total += _drag(loads.air, rachis, facing, rate, x, around, i, p)[0] / rate
     return total
 
 
@@ -147,14 +129,18 @@ def node_forces(model, loads, f, factors, points, around, force, stiff):
             store(force[i, p], combined(inertia * m, offset, -m, loads.gravity))
             for k in range(3):
                 out[k], out[3 + k] = inertia * m, 0.0
+            facing = _facing(around, i, p)
             if carries:
-                stiffness, distance, n = _carry(inertia, x, around, i, p)
-                accumulate(force[i, p], stiffness * distance, n)
-                _add_along(stiffness, n, out)
+                stiffness, distance = _carry(inertia, x, facing[0], around, i, p)
+                accumulate(force[i, p], stiffness * distance, facing[0])
+                _add_along(stiffness, facing[0], out)
             if blowing:
-                _, push, second, tangential, n = _drag(model, loads, f, rate, x, around, i, p)
+                rachis = model.rachis_area[f, i] if p == 0 else 0.0
+                _, push, second, tangential = _drag(
+                    loads.air, rachis, facing, rate, x, around, i, p
+                )
                 accumulate(force[i, p], 1.0, push)
-                _add_along(rate * (second - tangential), n, out)
+                _add_along(rate * (second - tangential), facing[0], out)
                 for k in range(3):
                     out[k] += rate * tangential
 

@@ -57,7 +57,7 @@ class StepEnvironment(NamedTuple):
     m) rad, of the hinges at the step's start, and gaps there. Of the nodes (air_kernels): wind
     (n, 1 + 2 m, 3) m/s, area (n, 1 + 2 m, 3) m^2, speed (n, 1 + 2 m) m/s, carried
     (n, 1 + 2 m) kg, added mass, slip (n, 1 + 2 m) m/s^2, g; aside (n, 1 + 2 m, 3) m, scratch;
-    stream (n, 1 + 2 m, 3), T m/s, w and z m/s of node_kernels.
+    stream (n, 1 + 2 m, 3): force (m2/s2) and slope (m/s) of attached flow, and scratch.
     """
 
     target: RowPoints

@@ -152,6 +152,7 @@ def _feel_wind(model, loads, f, part, state, work):
     blow(work.now.points.nodes, time, loads, f, still, model, work.around)
     _scale(work.around.wind, part)
     _scale(work.around.speed, part)
+    _scale(work.around.stream, part)
 
 
 @kernel

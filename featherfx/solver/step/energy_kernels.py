@@ -155,23 +155,14 @@ def viscous_energy(model, f, now, history, gaps, h):
 
     now: Strains. history: of a state, of feather f. gaps: as in elastic_energy.
     """
-    total = 0.0
-    for i in range(model.relaxation_time.shape[2]):
+    total, branches = 0.0, model.relaxation_time.shape[2]
+    for i in range(branches):
         rachis, vane = model.relaxation_weight[f, 0, i], model.relaxation_weight[f, 1, i]
         if h > 0.0:
             rachis *= 2.0 * h / model.relaxation_time[f, 0, i]
             vane *= 2.0 * h / model.relaxation_time[f, 1, i]
-        total += _damping_energy(model, f, now, strains_at(history, 2 + i), gaps, rachis, vane)
-    return total
-
-
-@kernel
-def _damping_energy(model, f, now, reference, gaps, rachis, vane):
-    """1/2 sum k q (s - s_r)^2, J, with q of the rachis and the vane; others as elastic_energy."""
-    if rachis == 0.0 and vane == 0.0:
-        return 0.0
-    whole = elastic_energy(model, f, now, reference, gaps, rachis, vane)
-    return whole - elastic_energy(model, f, now, now, gaps, 0.0, 0.0)
+        total += elastic_energy(model, f, now, strains_at(history, 2 + i), gaps, rachis, vane)
+    return total - branches * elastic_energy(model, f, now, now, gaps, 0.0, 0.0)
 
 
 @kernel
@@ -185,9 +176,9 @@ def damped_energy(model, f, now, reference, history, gaps, steps):
     rate = difference_rate(h, before)
     times = model.retardation[f]
     own = 2.0 * h * rate * rate
-    return _damping_energy(
-        model, f, now, reference, gaps, own * times[0], own * times[1]
-    ) + viscous_energy(model, f, now, history, gaps, h)
+    whole = elastic_energy(model, f, now, reference, gaps, own * times[0], own * times[1])
+    whole -= elastic_energy(model, f, now, now, gaps, 0.0, 0.0)
+    return whole + viscous_energy(model, f, now, history, gaps, h)
 
 
 @kernel

@@ -75,15 +75,13 @@ def set_reference(model, f, part, steps, span, history, reference):
     count = reference.size
     past, out = shaped(history, (history.shape[0], count)), shaped(reference, (count,))
     (first, last), (h, before), time = span, steps, model.retardation[f, part]
-    a, b, c = _difference_weights(h, before)
-    for k in range(first, last):
-        out[k] = (a * past[0, k] - b * past[1, k]) / c
+    _, b, c = _difference_weights(h, before)
     whole = damping_over(model, f, part, h, before)
-    if model.relaxation_time.shape[2] == 0 or whole == 0.0:
-        return
-    own = time * (c / h) / whole
+    own = time * (c / h) / whole if whole > 0.0 else 1.0
     for k in range(first, last):
-        out[k] = past[0, k] + own * (out[k] - past[0, k])
+        out[k] = past[0, k] + own * b / c * (past[0, k] - past[1, k])
+    if whole == 0.0:
+        return
     for i in range(model.relaxation_time.shape[2]):
         decayed, _ = _decay(h, model.relaxation_time[f, part, i])
         pull = model.relaxation_weight[f, part, i] * decayed / whole
