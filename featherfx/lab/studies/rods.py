@@ -148,9 +148,12 @@ def plates_at_rest(folder: Path) -> StudyResult:
             assert found.droop is not None
             assert found.droop_exact is not None
             off = abs(found.droop - found.droop_exact) / tolerance
-            droops = found.droop, found.droop_exact, allowed, _BEAM
-            note = f"{off:.2f} of its tolerance off"
-            rows.compare(f"droop {text}", *droops, unit="m", note=note)
+            if tolerance == _TOLERANCES[-1]:
+                droops = found.droop, found.droop_exact, allowed, _BEAM
+                note = f"{off:.2f} of its tolerance off"
+                rows.compare(f"droop {text}", *droops, unit="m", note=note)
+            else:
+                rows.bound(f"droop {text}, off over that tolerance", off, _BEAM, at_most=1.0)
             if found.weight:
                 assert found.reaction_sum is not None
                 values = found.reaction_sum, found.weight, allowed, _NEWTON
@@ -169,9 +172,13 @@ def plates_in_motion(folder: Path) -> StudyResult:
         for steps in (0, *_STEPS):
             found = run_contact(ContactTest(case=case, steps=steps))  # type: ignore[arg-type]
             text = f"of {case}, {steps} steps"
-            values = getattr(found, name), getattr(found, f"{name}_exact"), allowed, source
+            ours, exact = getattr(found, name), getattr(found, f"{name}_exact")
             note = "implicit steps slow a swing; more converge" if source == _BEAM else ""
-            rows.compare(f"{name} {text}", *values, unit=names[name], note=note)
+            if steps in (0, _STEPS[-1]):
+                whole = f"{name} {text}"
+                rows.compare(whole, ours, exact, allowed, source, unit=names[name], note=note)
+            else:
+                rows.report(f"{name} {text}, over {source.text}", ours / exact)
             assert found.energy_gain is not None
             text = f"energy gained over the largest kinetic energy {text}"
             rows.bound(text, found.energy_gain, independent("no work is done"), at_most=1e-3)

@@ -129,6 +129,17 @@ def _cell_energy(model, f, cell, before, gaps, damping, held):
     return hooks_energy(model, f, cell, before, gaps, damping)
 
 
+@kernel
+def _strain_energy(model, f, strains, reference, gaps, rachis, vane, held):
+    """As elastic_energy, without what no strain of a dashpot changes."""
+    return (
+        _quadratic(strains.rachis, reference.rachis, model.rachis_stiffness[f], rachis)
+        + _quadratic(strains.barb, reference.barb, model.barb_stiffness[f], vane)
+        + _cell_energy(model, f, strains.cell, reference.cell, gaps, vane, held)
+        + _bending_energy(model, f, strains, reference, gaps, vane, held)
+    )
+
+
 @shared_kernel(float)
 def elastic_energy(model, f, strains, reference, gaps, rachis, vane):
     """Elastic energy, with that of damping and what slips in the step, of Strains (J).
@@ -138,13 +149,10 @@ def elastic_energy(model, f, strains, reference, gaps, rachis, vane):
     """
     held = all_hold(model, f, strains.cell, gaps)
     return (
-        _quadratic(strains.rachis, reference.rachis, model.rachis_stiffness[f], rachis)
+        _strain_energy(model, f, strains, reference, gaps, rachis, vane, held)
         + curl_total(model, f, strains.rachis)
         + turn_guard_total(model, f, strains.rachis)
-        + _quadratic(strains.barb, reference.barb, model.barb_stiffness[f], vane)
-        + _cell_energy(model, f, strains.cell, reference.cell, gaps, vane, held)
         + guard_total(model.cell_guard[f], strains.cell)
-        + _bending_energy(model, f, strains, reference, gaps, vane, held)
     )
 
 
@@ -155,14 +163,16 @@ def viscous_energy(model, f, now, history, gaps, h):
 
     now: Strains. history: of a state, of feather f. gaps: as in elastic_energy.
     """
-    total, branches = 0.0, model.relaxation_time.shape[2]
+    held, branches = all_hold(model, f, now.cell, gaps), model.relaxation_time.shape[2]
+    total = -branches * _strain_energy(model, f, now, now, gaps, 0.0, 0.0, held)
     for i in range(branches):
         rachis, vane = model.relaxation_weight[f, 0, i], model.relaxation_weight[f, 1, i]
         if h > 0.0:
             rachis *= 2.0 * h / model.relaxation_time[f, 0, i]
             vane *= 2.0 * h / model.relaxation_time[f, 1, i]
-        total += elastic_energy(model, f, now, strains_at(history, 2 + i), gaps, rachis, vane)
-    return total - branches * elastic_energy(model, f, now, now, gaps, 0.0, 0.0)
+        lag = strains_at(history, 2 + i)
+        total += _strain_energy(model, f, now, lag, gaps, rachis, vane, held)
+    return total
 
 
 @kernel
