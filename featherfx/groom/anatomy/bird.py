@@ -48,7 +48,10 @@ _SPREAD = 0.1  # fold, up to which a wing that does not open stands at its landm
 _HIDES = 0.9  # fold, from which on a wing hides the flank
 _BORDER = 0.5  # of a feather's length, over which parts pass into each other
 _BORDERS = {"thigh": 0.1}  # where legs are bare below, no single feathers
-_ROOM = {"thigh": 0.4}  # of a length, free beneath; where legs move, more than the 0.3 elsewhere
+_ROOM = 0.3, 0.4  # of a length, free beneath; where legs move, more
+# of relative densities, below which feathers stand closer in creases: that room, and their length
+# over it, which is 1 elsewhere; by coverage
+_SPARSE, _CREASES = 20.0, {"thigh": (0.2, 2.0), "flank": (0.3, 2.0), "belly": (0.3, 1.5)}
 _SIDEWAYS = 55.0  # deg from upwards, beyond which skin bears no scapulars
 _UP = 0.0, 0.0, 1.0
 _ON_CREST = 9  # points of its line that are put onto the skin
@@ -356,12 +359,16 @@ def _region(
     if name == "thigh":  # down the leg, and back where the belly faces down itself
         down, back = (sites["foot"] - sites["thigh"]).mean(axis=0), points["tail"] - points["beak"]
         flow = {"direction": tuple(down + length * unit(back))}
+    room, fit = _ROOM[name == "thigh"], 1.0
+    if kind["relative_density"] < _SPARSE:
+        room, fit = _CREASES.get(name, (room, fit))
     where = (
         _filled(WHERE_KEYS, nearest=near, soft=_BORDERS.get(name, _BORDER) * length),
-        _filled(WHERE_KEYS, free_radius=_ROOM.get(name, 0.3) * length, soft=0.2 * length),
+        _filled(WHERE_KEYS, free_radius=room * length, soft=0.2 * length),
     )
     own = {key: kind[key] for key in ("kind", "relative_density", "width", "tilt", "curl")}
-    return _coat(name, where, flow, length, kind["length_variation"], **own)
+    fits = {"max_length_per_free_radius": fit}
+    return _coat(name, where, flow, length, kind["length_variation"], **own) | fits
 
 
 def _coat(
