@@ -2,7 +2,8 @@
 
 Long damped steps: after each one all motion is taken away, and what has come to rest, no deeper in
 others than is left, is only solved again where others push it. Steps of one length end when all but
-a few are at rest, the longest when these are no fewer than before.
+a few are at rest, the longest when these are no fewer than before. One that failed twice is not
+tried again.
 """
 
 from __future__ import annotations
@@ -110,13 +111,16 @@ def settled_together(
     if raised.any():
         current = steps.lowered(current, raised)
     with phase("settling", len(_STEPS) * MAX_STEPS, at_most=True) as done:
-        for stage, longest in enumerate(_STEPS):
-            h, cut = longest, False
+        for stage, length in enumerate(_STEPS):
+            h, longest, cut, failed = length, length, False, 0
             resting[:] = False
             for number in range(MAX_STEPS):
                 done(stage * MAX_STEPS + number, left.seconds)
                 new, contact, lengths = steps.take(current, h, resting, cut)
                 cut |= bool((lengths < h).any())
+                failed += int(lengths.max() < h)
+                if failed > 1:
+                    longest = float(lengths.max())
                 left.step(stage, number)
                 new = obstacles.beside([_stopped(state, time) for state in new], time)
                 moved, current = _moves(new, current), new
@@ -266,6 +270,8 @@ class _Steps:
         if CUT * h >= SHORTEST:
             # what is nearly at rest is not cut for one feather that takes long
             manner = manner._replace(iterations=EASY if h <= _STEPS[0] else PATIENT * EASY)
+        if CUT * h > SHORTEST_OFF:
+            manner = manner._replace(lost=BAD * self._thickness)
         new, reports, contact = solver.interval(states, self._loads, paths, h, walls, manner)
         self._spent += np.concatenate([report.iterations for report in reports])
         new = [*self._obstacles.solved(new), *self._obstacles.solved(states, False)]

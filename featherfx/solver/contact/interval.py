@@ -170,7 +170,7 @@ class ContactSolver:
 
         walls: bodies whose motion over the duration is given; of several, a node meets each. A
         feather that cannot be solved has a status in its batch's report, and then what it presses
-        is not solved either.
+        is not solved either; what settles ends with it.
         """
         self._tear(states)
         substeps, resting, yielding, left_out, led, iterations, turns, settling, lost = manner
@@ -214,7 +214,7 @@ class ContactSolver:
                 latest = np.maximum(moved / duration**2, known)
                 self._surprise = np.where(free & (not settling), latest, surprise)
             stale, before = (moved >= trusted) & ~run.failed() & (off == 0.0), self.found
-            if not stale.any():
+            if not stale.any() or (settling and run.failed().any()):
                 break
             # the bodies did not go where they were headed: look again where they went, and wider
             margin[stale] = np.minimum(_WIDER * moved[stale], self.settings.margin)
