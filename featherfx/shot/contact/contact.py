@@ -133,7 +133,7 @@ class ShotContact:
             tolerance=min(each.contact_tolerance or 0.0 for each in own),
             newton=own[0].unpressed_newton_tolerance or 0.0,
             frame=1.0 / shot.frames_per_second,
-            deepest=np.maximum(2.0 * thickness, DEEP * rest.lengths),
+            deepest=np.maximum(4.0 * thickness, DEEP * rest.lengths),
         )
         self.solver = ContactSolver(solvers, candidates, halves, settings)
         led = np.arange(len(order)) >= len(order) - obstacles.count

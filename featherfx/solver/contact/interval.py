@@ -79,6 +79,8 @@ _SHARED_TOLERANCE_RATIO = 0.1
 _FRAMES, _LEFT = 2.0, 0.4
 # force between two bodies, over that before, beyond which it is a blow
 _BLOW = 2.0
+# depth that jams a feather, over that beyond which two are no longer kept apart
+_JAMMED_RATIO = 0.2
 # gap, over the margin, beyond which a contact without a force is not handed to a feather
 _FAR = 0.5
 # stiffness of contacts that yield, over what it would be
@@ -270,7 +272,7 @@ class ContactSolver:
         guest, host, depth = self.depths()
         most = self._deepest
         if jammed is not None:
-            most = np.where(jammed, 2.0 * self.surfaces.half.max(axis=(1, 2)), most)
+            most = np.where(jammed, _JAMMED_RATIO * most, most)
         deep = (depth > np.minimum(most[guest], most[host])) & (host >= 0)
         if but is not None:
             deep &= ~but[guest] & ~but[host]
