@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -197,8 +198,9 @@ class _Search:
 
     def closest(self, roots: Array, among: tuple[Array, Array] | None) -> tuple[Indices, Array]:
         row, candidate = self._candidates(roots)
-        weights = _closest_weights(roots[row], self._corners[candidate])
-        squared = _squared_distance(roots[row], weights, self._corners[candidate])
+        places, corners = roots.take(row, axis=0), self._corners.take(candidate, axis=0)
+        weights = _closest_weights(places, corners)
+        squared = _squared_distance(places, weights, corners)
         if among is not None:
             least = np.full(len(roots), np.inf)
             np.minimum.at(least, row, squared)
@@ -221,10 +223,14 @@ class _Search:
         reach = reach * (1.0 + 1e-9) + _ALIKE
         rows, triangles = [np.arange(len(roots))], [near]
         for members, tree, radii in self._classes:
-            hits = tree.query_ball_point(roots, reach + radii.max())
-            rows.append(np.repeat(np.arange(len(roots)), [len(hit) for hit in hits]))
-            flat = [np.array(hit, dtype=np.int64) for hit in hits]
-            triangles.append(members[np.concatenate(flat)])
+            hits = tree.query_ball_point(roots, reach + radii.max(), return_sorted=False)
+            counts = np.fromiter(map(len, hits), np.int64, len(hits))
+            row = np.repeat(np.arange(len(roots)), counts)
+            hit = np.fromiter(chain.from_iterable(hits), np.int64, len(row))
+            away = tree.data.take(hit, axis=0) - roots.take(row, axis=0)
+            near_enough = dots(away, away) <= (reach[row] + radii[hit]) ** 2
+            rows.append(row[near_enough])
+            triangles.append(members[hit[near_enough]])
         return np.concatenate(rows), np.concatenate(triangles)
 
 
