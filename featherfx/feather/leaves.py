@@ -26,6 +26,7 @@ from featherfx.errors import count_feathers, warn_input
 from featherfx.feather.shapes import build_plane_feathers
 from featherfx.feather.types import Feather, FeatherSurface, RowPoints, stacked
 from featherfx.files.content import digest
+from featherfx.files.disk_cache import kept
 from featherfx.groom.skin.skin import closest
 from featherfx.groom.types import Groom, Placement
 
@@ -231,7 +232,8 @@ def _grow(groom: Groom, chosen: Sequence[Placement]) -> tuple[LaidCoat, PlaneFor
         rows = _nodes_of([each for each in groom.feathers if each.turning and not each.grown])
         away = np.linalg.norm(rows - rows[:, :1, :1], axis=3)
         hidden = rows[away > _BEHIND * away.max()]
-        points = raise_onto(points, faces, _nodes_of(onto).reshape(-1, 3), hidden)
+        how = points, faces, _nodes_of(onto).reshape(-1, 3), hidden
+        points = kept("raised", how, lambda: {"points": raise_onto(*how)})["points"]
     places = np.stack([each.position for each in chosen])
     triangle, place = closest(places, points[faces])
     foot = np.einsum("fk,fkc->fc", place, points[faces][triangle])

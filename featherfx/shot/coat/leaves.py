@@ -42,6 +42,7 @@ from featherfx.feather.leaves import plane_forms
 from featherfx.feather.shapes import build_plane_feathers
 from featherfx.feather.types import Feather, RowPoints, both, stacked
 from featherfx.files.background import count_cores
+from featherfx.files.disk_cache import kept
 from featherfx.groom.skin.skin import closest
 from featherfx.groom.types import Placement
 from featherfx.shot.coat import leaf_kernels as kernels
@@ -73,7 +74,9 @@ class CarriedPoints:
             [each.surface.triangles + start for each, start in zip(surfaces, first, strict=True)]
         )
         corners = np.concatenate(rest)[triangles]
-        triangle, self._weights = closest(points, corners)
+        how = points, corners
+        found = kept("under", how, lambda: dict(zip(("at", "place"), closest(*how), strict=True)))
+        triangle, self._weights = found["at"], found["place"]
         self._corners = triangles[triangle]
         own = corners[triangle]
         away = points - np.einsum("vk,vkc->vc", self._weights, own)
