@@ -18,7 +18,7 @@ REMEX_ROWS = ("tertials", "secondaries", "primaries")  # from the body outwards,
 _TERTIALS, _PRIMARIES = (0.04, 0.55), (0.03, 0.98)
 # of a shut wing, by eye: places of the row that the coat before it rises onto, and of the first
 # that is a coat itself; and gaps of rows against an open wing's
-_LOOSE, _COATED, _SHUT_GAP = 0.2, 0.4, 0.75
+_LOOSE, _COATED, _SHUT_GAP = 0.2, 0.4, 0.77
 _ALONG = np.linspace(0.0, 1.0, 6)  # of shafts, places that are told
 _FLATTEST = 1e-6  # rad, so that vanes are as flat as a sheet without a bow
 _PARALLEL = 1.0  # deg, between the innermost feather of a shut arm and the outermost
