@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.lanes import COUNT as LANES
 from featherfx.algebra.types import Array, Indices
 
 # relative, of the mean area of vertices: keeps vertices without area in the matrix
@@ -61,52 +60,14 @@ def make_stiffness(elements: TriangleElements, faces: Indices, weights: Array | 
     return csc_array((local.ravel(), (rows, columns)), shape=(count, count))
 
 
-class SparseFactors(NamedTuple):
-    """L D L^T of a symmetric matrix (N, N). Column j of L has, under its 1, the weights (K,) from
-    starts[j] to starts[j + 1], in rows (K,). scales: (N,) of D."""
-
-    starts: Indices
-    rows: Indices
-    weights: Array
-    scales: Array
-
-
-class SparseSolver:
-    """Solver of a symmetric positive definite matrix for (V,) or (V, K). factors: of SuperLU."""
-
-    def __init__(self, factors: Any) -> None:
-        self._factors = factors
-
-    def __call__(self, right: Array) -> Array:
-        # rows in order as they came: of another order, kernels would be compiled once more
-        return np.ascontiguousarray(self._factors.solve(np.ascontiguousarray(right)))
-
-    def in_lanes(self) -> Callable[[Array], Array]:
-        """The same for (V, K), K up to 4, in half the time; rounded otherwise."""
-        from scipy.sparse import tril
-
-        from featherfx.algebra.sparse_kernels import solve_factors
-
-        lower, order = tril(self._factors.L, -1, "csc"), self._factors.perm_c
-        starts, rows = (each.astype(np.int64) for each in (lower.indptr, lower.indices))
-        factors = SparseFactors(starts, rows, lower.data, self._factors.U.diagonal())
-
-        def solve(right: Array) -> Array:
-            values = np.zeros((len(right), LANES))
-            values[order, : right.shape[1]] = right
-            solve_factors(factors, values)
-            return np.ascontiguousarray(values[order, : right.shape[1]])
-
-        return solve
-
-
-def factorise(matrix: Any) -> SparseSolver:
-    """Factorise a symmetric positive definite matrix."""
+def factorise(matrix: Any) -> Callable[[Array], Array]:
+    """Factorise a symmetric positive definite matrix; return its solver for (V,) or (V, K)."""
     from scipy.sparse.linalg import splu
 
     options = {"SymmetricMode": True}
     found = splu(matrix.tocsc(), "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
-    return SparseSolver(found)
+    # rows in order as they came: of another order, kernels would be compiled once more
+    return lambda right: np.ascontiguousarray(found.solve(np.ascontiguousarray(right)))
 
 
 def weld(corners: Array) -> tuple[Array, Indices]:

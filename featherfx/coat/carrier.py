@@ -10,13 +10,12 @@ above it. Normals are smoothed the same way.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from featherfx.algebra.element_kernels import fill_normals
 from featherfx.algebra.surface_elements import (
-    SparseSolver,
     TriangleElements,
     factorise,
     make_elements,
@@ -63,12 +62,6 @@ def make_mesh(points: Array, faces: Indices, reach: Array | float) -> CoatMesh:
     weights = np.broadcast_to(np.square(reach), len(faces)).astype(float)
     matrix = diags_array(elements.masses) + make_stiffness(elements, faces, weights)
     return CoatMesh(points, faces, find_neighbours(faces), elements.masses, factorise(matrix))
-
-
-def in_motion(mesh: CoatMesh) -> CoatMesh:
-    """The mesh for many poses, whose smoothing takes half the time and is rounded otherwise."""
-    assert isinstance(mesh.smooth, SparseSolver)
-    return replace(mesh, smooth=mesh.smooth.in_lanes())
 
 
 def find_neighbours(faces: Indices) -> Indices:

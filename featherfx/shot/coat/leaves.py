@@ -32,7 +32,7 @@ import numpy as np
 from featherfx.algebra.lanes import COUNT as LANES
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots, face_products, unit
-from featherfx.coat.carrier import Carrier, in_motion, pose_carrier
+from featherfx.coat.carrier import Carrier, pose_carrier
 from featherfx.coat.ceiling import find_ceiling, limit_rises
 from featherfx.coat.coat import Coat, draw, share_out
 from featherfx.coat.fields import SkinMeans, SkinPlaces
@@ -123,8 +123,7 @@ class MovingCoat:
         bent: Indices,
         above: Array | None = None,
     ) -> None:
-        self._coat = coat = replace(coat, mesh=in_motion(coat.mesh))
-        self._skin, self._bent = skin, bent
+        self._coat, self._skin, self._bent = coat, skin, bent
         self._pool = ThreadPoolExecutor(count_cores())
         self._numbers = numbers = np.array([each.leaf.number for each in placements])
         plane = build_plane_feathers(placements, drawn[0].rows, drawn[0].columns)
