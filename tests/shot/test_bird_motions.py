@@ -57,7 +57,7 @@ def test_motions_of_a_bird_are_smooth_and_move_wings_or_tail(acts, name):
     positions, rotations = sampled(motion, own / shot.motion.clock.tempo)
     assert is_rotation(rotations)
     against = np.swapaxes(rotations[:, :1], 2, 3) @ rotations
-    assert np.abs(np.diff(against, axis=0)).max() > 1e-3  # not the body alone
+    assert np.ptp(against, axis=0).max() > 0.05  # not the body alone
     steps = np.diff(positions, axis=0)
     assert np.abs(np.diff(steps, axis=0)).max() < 0.5 * np.abs(steps).max()
 
