@@ -43,8 +43,6 @@ COUNTS = ("failed", "iterations", "killed", "named", "steps", "steps_over_tolera
 # of the cases for each job, so that those which end early take more; most of a piece, and between
 # two lines that tell how far it is
 PIECES, OFTEN = 4, 25
-# the worst scenes that are printed, at the end and meanwhile
-MAX_NAMED, FEW_NAMED = 10, 1
 
 
 def main() -> int:
@@ -66,8 +64,6 @@ def main() -> int:
         start, whole = time.monotonic(), nothing()
         interrupted = _gathered(kind, given, whole)
         told.append(_summary(kind, given, whole, time.monotonic() - start))
-        if whole.scenes:
-            print(contact.worst(whole.scenes, MAX_NAMED))
         when = f"of seed {given.seed} in {told[-1]['seconds']:.0f} s"
         print(_line(kind, whole, when), flush=True)
         if interrupted:
@@ -97,8 +93,6 @@ def _gathered(kind: str, given: argparse.Namespace, whole: Found) -> bool:
             if len(whole.through) // OFTEN > told // OFTEN:
                 told = len(whole.through)
                 print(_line(kind, whole, f"of {given.cases} so far"), flush=True)
-                if whole.scenes:
-                    print(contact.worst(whole.scenes, FEW_NAMED), flush=True)
     except KeyboardInterrupt:
         return True
     return len(whole.through) < given.cases

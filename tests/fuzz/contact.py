@@ -15,9 +15,8 @@ import tempfile
 import time
 import warnings
 from collections.abc import Iterator, Sequence
-from operator import itemgetter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -61,30 +60,6 @@ def run(cases: Sequence[int], seed: int) -> Iterator[Found]:
             result.scenes.append(case._asdict())
             result.through.append(number)
             yield result
-
-
-def worst(scenes: Sequence[dict[str, Any]], most: int) -> str:
-    """The deepest and the slowest scenes, so many of each."""
-    kinds = ("deepest", "depth"), ("slowest", "seconds")
-    lines = []
-    for what, key in kinds:
-        known = [each for each in scenes if each[key] is not None]
-        order = sorted(known, key=itemgetter(key), reverse=True)[:most]
-        lines.append(f"{what}:")
-        lines += [f"  {_told(Case(**each))}" for each in order]
-    return "\n".join(lines)
-
-
-def _told(case: Case) -> str:
-    """A scene in one line."""
-    what = f"case {case.number}: {case.feathers} feathers{_depths(case)}"
-    return f"{what}, {case.seconds:.1f} s, {case.outcome} {case.said}".rstrip()
-
-
-def _depths(case: Case) -> str:
-    if case.depth is None:
-        return ""
-    return f", {1e3 * case.depth:.2f} mm"
 
 
 def _tried(chance: random.Random, number: int, folder: Path) -> Case:

@@ -152,6 +152,7 @@ class ShotContact:
         self._rules = self._step_rules(own[0].max_substeps)
         self._pace, self._patience = StepPacing(), np.full(len(self.names), float(MORE_ITERATIONS))
         self._unresolved: list[dict[str, Any]] = []
+        self._has_passed = False
         self._yielded = np.zeros(len(self.names), dtype=np.bool_)
 
     def _step_rules(self, substeps: int) -> StepRules:
@@ -215,7 +216,7 @@ class ShotContact:
             resting &= np.concatenate([report.steps for report in done.reports]) == 0.0
             self.bodies.begun = True
             for length, contact in done.contact:
-                self.tally.add(contact, length, self._rules.wrong(contact))
+                self.tally.add(contact, length, bool(self._rules.wrong(contact).any()))
             self.tally.repeated += done.tries
             parts.append(reports)
         self._pace, self._patience = steps.pace, steps.next_patience()
@@ -258,14 +259,17 @@ class ShotContact:
         return obstacles.solved(found.states)
 
     def _note_passed(self, when: str) -> None:
-        """Take pairs that passed to those that are through each other, and say so."""
+        """Take pairs that passed to those that are through each other, and say so of those of
+        settling and of the first that follow."""
         passed = self.solver.passed
         if passed:
             pairs, depths = (np.concatenate(each) for each in zip(*passed, strict=True))
             passed.clear()
             crossed = self._through_each_other(pairs, depths)
             self._crossed = sorted([*self._crossed, *crossed], key=lambda each: -each["depth"])
-            _warn_of_passing(crossed, when)
+            if not self._has_passed:
+                _warn_of_passing(crossed, when)
+            self._has_passed = self.tally.intervals > 0
 
     def _still_deep(self) -> list[dict[str, Any]]:
         """Pairs that are in each other by more than the tolerance, the deepest first."""
@@ -374,8 +378,9 @@ def _warn_of_passing(crossed: Sequence[Mapping[str, Any]], when: str) -> None:
         f"contact: feathers '{first['feather']}' and '{first['other']}' are"
         f" {1e3 * first['depth']:.2g} mm through each other {when}"
         + (f", and so are {more} more pairs" if more else "")
-        + ". Nothing pushes them apart from there on. Keep the skin and their roots apart there,"
-        " or let kinds or regions in [contact] name only what has to push",
+        + ". Nothing pushes them apart from there on. The report counts all that follow. Keep the"
+        " skin and their roots apart there, or let kinds or regions in [contact] name only what has"
+        " to push",
         InputWarning,
         stacklevel=2,
     )

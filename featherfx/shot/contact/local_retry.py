@@ -116,13 +116,13 @@ class Stepper:
         self.yielded |= self._tired()
         off = self._rules.off(reports, contact, span)
         if not off.any():
-            solver.accept()
+            solver.accept(jammed=self._rules.wrong(contact))
             return Stepped(new, reports, [(span.length, contact)], 0)
         if not span.can_be_cut():
             failed = np.concatenate([report.status for report in reports]) != 0.0
             if left_out is not None or not failed.any():
                 self._rules.give_up(reports, span.start)
-                solver.accept()
+                solver.accept(jammed=self._rules.wrong(contact))
                 return Stepped(new, reports, [(span.length, contact)], 0)
             self.yielded |= failed
             if yielding is None:

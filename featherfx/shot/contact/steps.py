@@ -95,9 +95,9 @@ class StepRules:
     iterations: int
     names: list[str]
 
-    def wrong(self, contact: ContactReport) -> bool:
-        """Return whether contacts are off by more than they should be."""
-        return bool((contact.off > _WRONG * self.thickness).any())
+    def wrong(self, contact: ContactReport) -> Flags:
+        """(B,) bodies whose contacts are off by more than they should be."""
+        return np.asarray(contact.off > _WRONG * self.thickness)
 
     def off(self, reports: Sequence[StepReport], contact: ContactReport, span: StepSpan) -> Flags:
         """(B,) bodies that are to be stepped over a span again, in shorter steps: not solved, with
