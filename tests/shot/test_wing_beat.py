@@ -12,10 +12,9 @@ from commands import invoke
 from test_bird_motions import BIRD, SHOT, read
 
 from featherfx.errors import InputError, InputWarning
-from featherfx.feather.shapes import build_plane_feathers
 from featherfx.shot.motion.beat import wing_axes
 from featherfx.shot.motion.joint_tracks import find_tracks
-from featherfx.shot.motion.joints import joint_roots, skeleton_of
+from featherfx.shot.motion.joints import skeleton_of
 from featherfx.shot.motion.motion import joint_poses
 from featherfx.shot.read.read import read_shot
 
@@ -276,40 +275,3 @@ def test_motions_fold_no_wing_farther_than_it_goes(tmp_path, species, name):
 def test_motions_too_fast_for_the_frames_are_told(tmp_path, motion, told):
     with pytest.warns(InputWarning, match=f"{told} a second.*Give more than 28 frames"):
         read(tmp_path, motion)
-
-
-def slab(top, side):
-    """(T, 3, 3) m, faces of a broad body, seen from above, or below where side is -1."""
-    x, y = (each.ravel() for each in np.meshgrid(*[np.linspace(-0.1, 0.1, 61)] * 2))
-    corners = np.array([(0.0, 0.0, 0.0), (0.01, 0.0, 0.0), (0.0, 0.01, 0.0)])[::side]
-    return np.stack([x, y, np.full_like(x, top)], axis=1)[:, None] + corners
-
-
-@pytest.mark.parametrize(
-    ("side", "told_as"), [(1, "raised at the bottom"), (-1, "lowered at the top")]
-)
-def test_a_stroke_ends_before_a_broad_body_and_no_sooner_than_it_needs(tmp_path, side, told_as):
-    shot = read(tmp_path, BEAT.format("stroke_amplitude = 120\nstroke_plane = 0"))
-    wings = [each for each in shot.groom.feathers if "wing" in each.joint]
-    own = [each for each in wings if not each.joint.endswith("wrist")]
-    groom, skeleton = replace(shot.groom, feathers=tuple(own)), skeleton_of(shot.groom)
-    nodes = np.stack([f.rest.nodes.reshape(-1, 3) for f in build_plane_feathers(own, 8, 2)])
-    shoulder = shot.groom.joints[0].position[2]
-
-    def nearest(away):
-        """m, from the shoulder to the point that comes nearest to a body that far away from it."""
-        beside = replace(shot, groom=replace(shot.groom, skin=slab(shoulder - side * away, side)))
-        roots = joint_roots(groom, skeleton, joint_poses(shot.motion, beside, skeleton))
-        frames = [roots.frames(time) for time in np.linspace(0.0, 1 / 6, 33)]
-        places = [f.positions[:, None] + nodes @ f.rotations.swapaxes(1, 2) for f in frames]
-        return float((side * (shoulder - np.stack(places)[..., 2])).max())
-
-    far = nearest(0.2)
-    with pytest.warns(
-        InputWarning, match=rf"stroke_amplitude: strokes are {told_as} by \d+ degrees"
-    ) as told:
-        low, high = nearest(0.028), nearest(0.02)
-    assert len({str(each.message) for each in told}) == 2
-    assert far > 0.034
-    assert 0.028 > low > 0.024
-    assert 0.02 > high > 0.016

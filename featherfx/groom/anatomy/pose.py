@@ -12,6 +12,7 @@ import numpy as np
 
 from featherfx.algebra.rotation import frames_from, from_rotation_vector, rotation_vectors
 from featherfx.algebra.types import Array
+from featherfx.groom.frames import arm_fold
 from featherfx.groom.keys.anatomy import WingType
 
 
@@ -21,7 +22,7 @@ class WingBones:
 
     points: (4, 3) m, shoulder, elbow, wrist and tip. frames: (3, 3, 3) of the bones. hinges:
     (3, 3) rad, rotation vectors in the groom's frame that turn each bone against the one before it
-    from spread to folded. fold: (3,) how far each is on that way.
+    from spread to folded. fold: (3,) of the wing, as each has it; the upper arm turns by arm_fold.
     """
 
     points: Array
@@ -93,7 +94,7 @@ def folded(
     turn = 1.0 if left else -1.0
     spread, closed = upper_arms(kind, axes, left)
     swing = rotation_vectors(closed @ spread.T)
-    frames = [from_rotation_vector(fold * swing) @ spread]
+    frames = [from_rotation_vector(arm_fold(fold) * swing) @ spread]
     hinges = [swing]
     for first, last in _turns(kind):
         frames.append(frames[-1] @ about_dorsal(turn * (first + fold * (last - first))))

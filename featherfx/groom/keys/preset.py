@@ -330,8 +330,7 @@ MOTION_KEYS: dict[str, dict[str, Key]] = {
         ),
         "stroke_amplitude": _changing(
             Number(0, 180, "deg"),
-            "Angle between top and bottom of the stroke, to which `elevation` is scaled. Beside a "
-            "skin the bottom is raised as far as inner feathers need to keep off it.",
+            "Angle between top and bottom of the stroke, to which `elevation` is scaled.",
         ),
         "downstroke": _changing(
             Number(0.1, 0.9), "Share of a beat's time in which the wing falls.", 0.5

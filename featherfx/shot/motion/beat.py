@@ -135,9 +135,7 @@ class Flap:
 
     middle, half: of the stroke's curve. beats: from rest to rest; 0: it beats on and on.
 
-    fold_factors: times (s) and factors of the folds of elbow and wrist. raised, lowered: times (s)
-    and rad, by which the bottom and the top of the stroke are nearer to its middle than its
-    amplitude has them.
+    fold_factors: times (s) and factors of the folds of elbow and wrist.
     """
 
     curves: Mapping[str, _Curve]
@@ -146,8 +144,6 @@ class Flap:
     half: float
     beats: float
     fold_factors: Track = ((0.0,), (1.0,))
-    raised: Track = ((0.0,), (0.0,))
-    lowered: Track = ((0.0,), (0.0,))
 
     @classmethod
     def read(cls, values: Mapping[str, Any]) -> Flap:
@@ -194,9 +190,8 @@ class Flap:
         at = {name: math.radians(curve(phase % 1.0)) for name, curve in self.curves.items()}
         middle = math.radians(self.middle)
         beat = (at["elevation"] - middle) / math.radians(self.half) if self.half else 0.0
-        raised, lowered = (eased(*each, time) for each in (self.raised, self.lowered))
-        whole, lean = number["stroke_amplitude"] - raised - lowered, number["stroke_plane"]
-        arm = middle + 0.5 * (raised - lowered + beat * whole)
+        lean = number["stroke_plane"]
+        arm = middle + 0.5 * beat * number["stroke_amplitude"]
         turn = inside * number["turn"]
         upstroke = max(-math.sin(2.0 * math.pi * phase), 0.0)
         return _Angles(

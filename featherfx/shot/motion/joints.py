@@ -12,15 +12,16 @@ from featherfx.algebra.rotation import (
     shared_turns,
     vectors_to_frames,
 )
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import applied
 from featherfx.errors import InputError
+from featherfx.groom.frames import arm_fold
 from featherfx.groom.types import Groom
 from featherfx.shot.roots import RootFrames
 from featherfx.shot.types import Motion, Shot
 
 if TYPE_CHECKING:
-    from featherfx.shot.motion.wing_turns import Bows, Tilts
+    from featherfx.shot.motion.wing_turns import ArmTurns, Bows
 
 
 class MissingJointError(InputError):
@@ -55,13 +56,15 @@ class Skeleton:
 
     names: of the joints. pivots: (J, 3) m, at rest in the groom's frame. levels: per depth below
     the groom, (joints, parents), index arrays of equal length. hinges: (J, 3) rad, turns of a
-    whole fold, 0 where there is none.
+    whole fold, 0 where there is none. folds: (J,) at rest. are_arms: (J,) which are upper arms.
     """
 
     names: tuple[str, ...]
     pivots: Array
     levels: tuple[tuple[Indices, Indices], ...]
     hinges: Array
+    folds: Array
+    are_arms: Flags
 
     def below(self, joint: int) -> list[int]:
         """Return a joint and all that hang on it."""
@@ -72,9 +75,10 @@ class Skeleton:
 
     def turned(self, poses: JointPoses) -> Array:
         """(J, 3, 3) rotations of joints against their parents, with those about their hinges."""
-        bent = poses.bends + poses.folds
-        if not bent.any():
+        if not (poses.bends.any() or poses.folds.any()):
             return poses.rotations
+        turned = arm_fold(self.folds + poses.folds) - arm_fold(self.folds)
+        bent = poses.bends + np.where(self.are_arms, turned, poses.folds)
         return poses.rotations @ vectors_to_frames(bent[:, None] * self.hinges)
 
     def carriers(self, poses: JointPoses) -> tuple[Array, Array]:
@@ -112,7 +116,9 @@ def skeleton_of(groom: Groom) -> Skeleton:
     pivots = np.vstack([np.zeros((1, 3)), *(np.reshape(j.position, (1, 3)) for j in groom.joints)])
     hinges = [np.zeros(3) if j.hinge is None else np.asarray(j.hinge) for j in groom.joints]
     below = tuple((joints, parents[joints]) for joints in levels)
-    return Skeleton(names, pivots, below, np.vstack([np.zeros(3), *hinges]))
+    folds = np.array([0.0, *(j.fold for j in groom.joints)])
+    are_arms = np.array([False, *(j.role == "shoulder" for j in groom.joints)])
+    return Skeleton(names, pivots, below, np.vstack([np.zeros(3), *hinges]), folds, are_arms)
 
 
 @dataclass(frozen=True)
@@ -122,7 +128,8 @@ class JointRoots:
     joints: (F,) number of each feather's joint. between: (F, 2) of those that it turns between,
     and fractions: (F,) how far with the second. anchors: (F, 3) m, what the joint carries, about
     which the root turns. at_rest: the roots in the groom's frame, of flat wings. poses: of the
-    joints over time. bows: of wings that bend as they fold.
+    joints over time. bows: of wings that bend as they fold. arms: of feathers on upper arms.
+    are_beaten: whether these take a share of beats; where bones fold wings it is none.
     """
 
     skeleton: Skeleton
@@ -133,7 +140,8 @@ class JointRoots:
     at_rest: RootFrames
     poses: PosesOverTime
     bows: Bows | None = None
-    tilts: Tilts | None = None
+    arms: ArmTurns | None = None
+    are_beaten: bool = True
 
     def frames(self, time: float) -> RootFrames:
         """Root frames at a time in s.
@@ -146,14 +154,17 @@ class JointRoots:
         turns = shared_turns(
             rotations[self.between[:, 0]], rotations[self.between[:, 1]], self.fractions
         )
-        if self.tilts is not None:
-            turns = self.tilts.lessened(turns, rotations)
+        if self.arms is not None:
+            turns = self.arms.less_tilted(turns, rotations)
         positions = applied(rotations[self.joints], self.anchors) + shifts[self.joints]
         positions += applied(turns, self.at_rest.positions - self.anchors)
-        flat = RootFrames(positions, turns @ self.at_rest.rotations)
-        if self.bows is None:
-            return flat
-        return self.bows.bent(flat, self.skeleton.turned(poses), rotations, shifts)
+        found = RootFrames(positions, turns @ self.at_rest.rotations)
+        if self.bows is not None:
+            turned = self.skeleton.turned(poses)
+            found = self.bows.bent(found, turned, rotations, shifts, self.are_beaten)
+        if self.arms is not None and self.are_beaten:
+            found = self.arms.less_beaten(found, poses.rotations, rotations, shifts)
+        return found
 
 
 def joint_roots(groom: Groom, skeleton: Skeleton, poses: PosesOverTime) -> JointRoots:
@@ -168,13 +179,13 @@ def joint_roots(groom: Groom, skeleton: Skeleton, poses: PosesOverTime) -> Joint
             between[number] = [index[name] for name in feather.turning.joints]
             fractions[number] = feather.turning.fraction
             anchors[number] = feather.turning.anchor
-    bows, tilts = None, None
+    bows, arms = None, None
     if any(feather.turning is not None for feather in groom.feathers):
-        from featherfx.shot.motion.wing_turns import find_bows, find_tilts
+        from featherfx.shot.motion.wing_turns import find_arm_turns, find_bows
 
-        bows, tilts = find_bows(groom, index), find_tilts(groom, skeleton.pivots, index)
+        bows, arms = find_bows(groom, index), find_arm_turns(groom, skeleton.pivots, index)
         at_rest = at_rest if bows is None else bows.straightened(at_rest)
-    return JointRoots(skeleton, joints, between, fractions, anchors, at_rest, poses, bows, tilts)
+    return JointRoots(skeleton, joints, between, fractions, anchors, at_rest, poses, bows, arms)
 
 
 def roots_at_rest(groom: Groom) -> RootFrames:

@@ -8,7 +8,7 @@ bones of wings go with its bones, and feathers between forearm and hand turn as 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -229,7 +229,8 @@ def on_bones(groom: Groom, skin: BoundSkin) -> Roots:
     used, skeleton = ribbons.triangles[binding.used], skeleton_of(groom)
     joints = np.array(list(bones), dtype=np.int64)
     own = _Bones(skeleton, joints, middles, ribbons, binding, used, skin.clock)
-    return _WingRoots(skin, joint_roots(groom, skeleton, own.poses), np.array(members))
+    roots = replace(joint_roots(groom, skeleton, own.poses), are_beaten=False)
+    return _WingRoots(skin, roots, np.array(members))
 
 
 def _refuse_one_wing(

@@ -1,4 +1,5 @@
-"""Turns of feathers that bend with a folding wing, or leave its plane with the forearm."""
+"""Turns of feathers that bend with a folding wing, leave its plane with the forearm, or close the
+way from a wing that beats to its body."""
 
 from __future__ import annotations
 
@@ -6,27 +7,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from featherfx.algebra.rotation import motions, rotation_vectors
+from featherfx.algebra.rotation import motions, rotation_vectors, vectors_to_frames
 from featherfx.algebra.types import Array, Indices
-from featherfx.algebra.vectors import applied, dots
-from featherfx.groom.frames import bow_fraction
+from featherfx.algebra.vectors import applied, dots, unit
+from featherfx.groom.frames import arm_fold, bow_fraction
 from featherfx.groom.types import Groom
 from featherfx.shot.roots import RootFrames
 
 _TILTED = 0.5  # of a forearm's tilt, that a feather beside the elbow takes; measured on an owl
+_BORNE = 0.38  # of the upper arm, from the shoulder, whose feathers the body bears; as tilts
 
 
 @dataclass(frozen=True)
 class Bows:
     """Bows of B of the feathers, which bend with their wings.
 
-    members: (B,). joints: (B,) whose fold counts, carriers: (B,) that carry the bow. screws: (B, 6)
-    of the whole bow at rest. hinges: (J, 3) 1/rad, of all joints, by which a turn since rest is
-    more fold. folds: (J,) at rest.
+    Those of a wing need its upper arm folded, too: a wing that beats folds its hand away from the
+    body. members: (B,). joints: (B,) whose fold counts, arms: (B,) upper arms, of other feathers 0.
+    carriers: (B,) that carry the bow. screws: (B, 6) of the whole bow at rest. hinges: (J, 3) rad,
+    of all joints, by which a turn since rest is more fold. folds: (J,) at rest.
     """
 
     members: Indices
     joints: Indices
+    arms: Indices
     carriers: Indices
     screws: Array
     hinges: Array
@@ -38,12 +42,22 @@ class Bows:
         still = np.tile(np.eye(3), (len(self.folds), 1, 1)), np.zeros((len(self.folds), 3))
         return self._bent(at_rest, fraction, *still)
 
-    def bent(self, roots: RootFrames, turned: Array, rotations: Array, shifts: Array) -> RootFrames:
+    def bent(
+        self, roots: RootFrames, turned: Array, rotations: Array, shifts: Array, is_beaten: bool
+    ) -> RootFrames:
         """Roots of flat wings, bent as those of joints that are turned, (J, 3, 3), against their
-        parents. rotations, shifts: of carriers."""
-        turned = rotation_vectors(turned)
-        folds = self.folds + dots(turned, self.hinges)
-        return self._bent(roots, bow_fraction(folds)[self.joints, None], rotations, shifts)
+        parents. rotations, shifts: of carriers. is_beaten: whether upper arms count."""
+        whole = np.maximum(np.linalg.norm(self.hinges, axis=1), 1e-12)
+        folds = self.folds + dots(rotation_vectors(turned), self.hinges) / whole**2
+        fraction = bow_fraction(folds)[self.joints]
+        if is_beaten:
+            at_rest, rest = arm_fold(self.folds), bow_fraction(self.folds)[self.joints]
+            open_ = vectors_to_frames((at_rest - 1.0)[:, None] * self.hinges) @ turned
+            away = np.linalg.norm(rotation_vectors(open_), axis=1) / whole
+            at_rest, arm = (np.maximum(each, 0.0)[self.arms] ** 1.5 for each in (at_rest, 1 - away))
+            most = arm + np.maximum(rest - at_rest, 0.0)
+            fraction = np.where(self.arms > 0, np.minimum(fraction, most), fraction)
+        return self._bent(roots, fraction[:, None], rotations, shifts)
 
     def _bent(
         self, roots: RootFrames, fraction: Array, rotations: Array, shifts: Array
@@ -60,55 +74,86 @@ class Bows:
 
 def find_bows(groom: Groom, index: dict[str, int]) -> Bows | None:
     """Find the bows of a groom's feathers. index: number of each joint."""
+    hinges, folds = np.zeros((len(index), 3)), np.zeros(len(index))
+    arms = np.zeros(len(index), dtype=np.int64)
+    for number, joint in enumerate(groom.joints, 1):
+        folds[number] = joint.fold
+        if joint.hinge is not None:
+            hinges[number] = joint.hinge
+        if joint.role == "shoulder" and hinges[number].any():
+            arms[number] = number
+        elif joint.role in ("elbow", "wrist"):
+            arms[number] = arms[index[joint.parent]]
     found = [
-        (number, index[turning.joints[1]], index[turning.joints[0]], turning.bow)
+        (number, last, arms[last], index[turning.joints[0]], turning.bow)
         for number, feather in enumerate(groom.feathers)
         if (turning := feather.turning) is not None and turning.bow is not None
+        for last in [index[turning.joints[1]]]
     ]
     if not found:
         return None
-    members, joints, carriers, screws = (np.array(each) for each in zip(*found, strict=True))
-    hinges, folds = np.zeros((len(index), 3)), np.zeros(len(index))
-    for number, joint in enumerate(groom.joints, 1):
-        if joint.hinge is not None and joint.hinge.any():
-            hinges[number] = joint.hinge / (joint.hinge @ joint.hinge)
-            folds[number] = joint.fold
-    return Bows(members, joints, carriers, screws, hinges, folds)
+    members, joints, of, carriers, screws = map(np.array, zip(*found, strict=True))
+    return Bows(members, joints, of, carriers, screws, hinges, folds)
 
 
 @dataclass(frozen=True)
-class Tilts:
-    """Tilts of T of the feathers, on the upper arms of wings, with forearms that leave the plane.
+class ArmTurns:
+    """Turns of A of the feathers, on the upper arms of wings.
 
-    In that plane they turn with the forearm, as all feathers do. Out of it each turns by its share
-    alone: with the whole tilt, roots that stay in the upper arm's plane, side by side, would swap
-    the order in which their vanes lie.
+    With a forearm they turn in the wing's plane, as all feathers do. Out of it each turns by its
+    share alone: with the whole tilt, roots that stay in the upper arm's plane, side by side, would
+    swap the order in which their vanes lie. Of a beat's swing, but not of its twist, inner ones
+    take a share, too: they close the way from wing to body, on skin that both carry.
 
-    members: (T,). arms, forearms: (T,) joints. dorsal: (T, 3) units at rest. shares: (T,).
+    members: (A,). arms, forearms, parents: (A,) joints. pivots: (A, 3) m, of shoulders. bones:
+    (A, 3) m, and dorsal: (A, 3) units, at rest. ways: (A,) from the shoulder, 0, to the elbow, 1.
     """
 
     members: Indices
     arms: Indices
     forearms: Indices
+    parents: Indices
+    pivots: Array
+    bones: Array
     dorsal: Array
-    shares: Array
+    ways: Array
 
-    def lessened(self, turns: Array, rotations: Array) -> Array:
-        """Turns (F, 3, 3) without what is not theirs. rotations: (J, 3, 3), as carriers have."""
+    def less_tilted(self, turns: Array, rotations: Array) -> Array:
+        """Turns (F, 3, 3) without the part of tilts that is not theirs. rotations: (J, 3, 3), as
+        carriers have."""
         arm, forearm = rotations[self.arms], rotations[self.forearms]
         relative = rotation_vectors(arm.swapaxes(1, 2) @ forearm)
         within = dots(relative, self.dorsal)[:, None] * self.dorsal
-        own = within + self.shares[:, None] * (relative - within)
-        own, _ = motions(np.concatenate([own, np.zeros_like(own)], axis=1))
+        share = _TILTED * np.clip(self.ways, 0.0, 1.0)
+        own = vectors_to_frames(within + share[:, None] * (relative - within))
         result = turns.copy()
         result[self.members] = arm @ own @ forearm.swapaxes(1, 2) @ turns[self.members]
         return result
 
+    def less_beaten(
+        self, roots: RootFrames, own: Array, rotations: Array, shifts: Array
+    ) -> RootFrames:
+        """Roots without the part of beats that is not theirs. own: (J, 3, 3), turns of joints but
+        for those about hinges. rotations, shifts: of carriers."""
+        share = np.clip((self.ways - _BORNE) / (1.0 - _BORNE), 0.0, 1.0)
+        parent, beat = rotations[self.parents], own[self.arms]
+        now = applied(rotations[self.arms], self.bones)
+        before = applied(parent @ (parent @ beat).swapaxes(1, 2), now)
+        axis = np.cross(before, now)
+        swing = np.arctan2(np.linalg.norm(axis, axis=1), dots(before, now))
+        back = vectors_to_frames(((share - 1.0) * swing)[:, None] * unit(axis))
+        shoulders = applied(rotations[self.arms], self.pivots) + shifts[self.arms]
+        positions, frames = roots.positions.copy(), roots.rotations.copy()
+        away = positions[self.members] - shoulders
+        positions[self.members] = shoulders + applied(back, away)
+        frames[self.members] = back @ frames[self.members]
+        return RootFrames(positions, frames)
 
-def find_tilts(groom: Groom, pivots: Array, index: dict[str, int]) -> Tilts | None:
-    """Find the tilts of a groom's feathers. pivots: (J, 3) m. index: number of each joint."""
+
+def find_arm_turns(groom: Groom, pivots: Array, index: dict[str, int]) -> ArmTurns | None:
+    """Find the feathers on upper arms. pivots: (J, 3) m. index: number of each joint."""
     joints = {joint.name: joint for joint in groom.joints}
-    members, arms, forearms, dorsal, shares = [], [], [], [], []
+    found = []
     for number, feather in enumerate(groom.feathers):
         if feather.turning is None:
             continue
@@ -118,15 +163,8 @@ def find_tilts(groom: Groom, pivots: Array, index: dict[str, int]) -> Tilts | No
         arm, there = index[feather.joint], index[forearm.name]
         if forearm.hinge is None or not forearm.hinge.any():
             continue
-        bone = pivots[there] - pivots[arm]
+        bone, parent = pivots[there] - pivots[arm], index[joints[feather.joint].parent]
         way = (feather.turning.anchor - pivots[arm]) @ bone / (bone @ bone)
-        members.append(number)
-        arms.append(arm)
-        forearms.append(there)
-        dorsal.append(forearm.hinge / np.linalg.norm(forearm.hinge))
-        shares.append(_TILTED * float(np.clip(way, 0.0, 1.0)))
-    if not members:
-        return None
-    return Tilts(
-        np.array(members), np.array(arms), np.array(forearms), np.array(dorsal), np.array(shares)
-    )
+        dorsal = forearm.hinge / np.linalg.norm(forearm.hinge)
+        found.append((number, arm, there, parent, pivots[arm], bone, dorsal, way))
+    return ArmTurns(*map(np.array, zip(*found, strict=True))) if found else None
