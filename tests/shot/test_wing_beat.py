@@ -11,10 +11,11 @@ import pytest
 from commands import invoke
 from test_bird_motions import BIRD, SHOT, read
 
+from featherfx.algebra.rotation import about_x, rotation_vectors
 from featherfx.errors import InputError, InputWarning
 from featherfx.shot.motion.beat import wing_axes
 from featherfx.shot.motion.joint_tracks import find_tracks
-from featherfx.shot.motion.joints import skeleton_of
+from featherfx.shot.motion.joints import joint_roots, opened_poses, skeleton_of
 from featherfx.shot.motion.motion import joint_poses
 from featherfx.shot.read.read import read_shot
 
@@ -275,3 +276,65 @@ def test_motions_fold_no_wing_farther_than_it_goes(tmp_path, species, name):
 def test_motions_too_fast_for_the_frames_are_told(tmp_path, motion, told):
     with pytest.warns(InputWarning, match=f"{told} a second.*Give more than 28 frames"):
         read(tmp_path, motion)
+
+
+def roots_at(groom, turns=(), folds=()):
+    """Root frames of an open wing whose joints turn (name, rotation) and fold (name, whole folds)
+    on top."""
+    skeleton = skeleton_of(groom)
+    poses = opened_poses(groom)
+    for name, turn in turns:
+        poses.rotations[skeleton.names.index(name)] = turn
+    for name, fold in folds:
+        poses.folds[skeleton.names.index(name)] += fold
+    return joint_roots(groom, skeleton, lambda _: poses).frames(0.0)
+
+
+def arm_of(groom):
+    """Joints of the right wing by role."""
+    return {each.role: each.name for each in groom.joints if each.name.startswith("right")}
+
+
+def test_feathers_of_the_upper_arm_go_from_body_to_wing_as_it_beats(tmp_path):
+    groom = read(tmp_path, 'kind = "hold"').groom
+    arm, turn = arm_of(groom), about_x(-30.0)
+    still, beaten = roots_at(groom), roots_at(groom, [(arm["shoulder"], turn)])
+    turned = np.degrees(
+        np.linalg.norm(rotation_vectors(beaten.rotations @ still.rotations.swapaxes(1, 2)), axis=1)
+    )
+    inner = [k for k, each in enumerate(groom.feathers) if each.joint == arm["shoulder"]]
+    outer = [k for k, each in enumerate(groom.feathers) if each.joint == arm["wrist"]]
+    out = np.argsort(-still.positions[inner, 1])
+    assert len(inner) > 4
+    assert turned[inner].min() < 0.6 * 30.0
+    assert (np.diff(turned[inner][out]) > -3.0).all()
+    np.testing.assert_allclose(turned[outer], 30.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("folded", [("elbow", "wrist"), ("shoulder", "elbow", "wrist")])
+def test_wings_bow_round_a_body_only_where_their_upper_arms_lie_on_it(tmp_path, folded):
+    found = []
+    for bow in (0, 25):
+        wing = BIRD.replace('type = "sparrow"', f'type = {{ base = "parrot", bow = {bow} }}')
+        (tmp_path / "groom.toml").write_text(wing)
+        (tmp_path / "shot.toml").write_text(SHOT + 'kind = "hold"')
+        groom = read_shot(tmp_path / "shot.toml").groom
+        arm = arm_of(groom)
+        found.append(roots_at(groom, folds=[(arm[role], 1.0) for role in folded]).positions)
+    away = np.abs(found[1] - found[0]).max()
+    assert (away > 1e-3) == ("shoulder" in folded)
+
+
+def test_an_upper_arm_leaves_the_body_before_its_wing_opens(tmp_path):
+    groom = read(tmp_path, 'kind = "hold"').groom
+    shoulder = arm_of(groom)["shoulder"]
+    skeleton, angles = skeleton_of(groom), []
+    for fold in (0.0, 0.5, 1.0):
+        poses = opened_poses(groom)
+        number = skeleton.names.index(shoulder)
+        poses.folds[number] += fold
+        open_ = skeleton.turned(opened_poses(groom))[number]
+        turn = open_.T @ skeleton.turned(poses)[number]
+        angles.append(float(np.linalg.norm(rotation_vectors(turn[None]))))
+    assert angles[0] < 1e-9 < 0.3 < angles[2]
+    assert angles[1] < 0.1 * angles[2]

@@ -15,7 +15,8 @@ from featherfx.groom.types import Groom
 from featherfx.shot.roots import RootFrames
 
 _TILTED = 0.5  # of a forearm's tilt, that a feather beside the elbow takes; measured on an owl
-_BORNE = 0.38  # of the upper arm, from the shoulder, whose feathers the body bears; as tilts
+_BORNE = 0.38  # of the upper arm, from the shoulder, whose feathers the body bears; by crossings
+# of an owl's wings in flight
 
 
 @dataclass(frozen=True)
