@@ -157,7 +157,8 @@ def carry_out(task: BakeTask, notify: Callable[[int, int], None]) -> dict[str, A
         figures["contact"]["written_depth"] = judged["skin_depth"]
     figures |= judged
     groom = task.shot.groom
-    figures["skin_depth"]["unlaid"] = sum(each.grown for each in groom.feathers if not each.leaf)
+    grown = sum(each.grown for each in groom.feathers)
+    figures["skin_depth"]["unlaid"] = grown if groom.coat is None else 0
     if groom.coat is not None:
         from featherfx.feather.leaves import measure_cut_variation
 

@@ -5,16 +5,26 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 from commands import invoke
 from places import SAMPLES
+from pxr import Usd, UsdGeom, Vt
 
 from featherfx.baking import bake as baking
 from featherfx.baking import pipeline
 from featherfx.cli.progress import about
+from featherfx.lab.measure.plumage import write_patch
 from featherfx.phases import phase
 
 PULL = SAMPLES / "feather_pull/shot.toml"
+ON_SKIN = """
+name = "patch"
+groom = "groom.toml"
+frames = [1, 2]
+detail = [{ region = "*", level = "rigid" }]
+skin = { usd = "body.usda", prim = "/skin" }
+"""
 PARTS = ["setting_up", "settling", "simulating", "writing", "finishing"]
 
 
@@ -246,3 +256,28 @@ def test_stats_tell_the_processor_time_of_a_bake_whatever_else_runs(sample, tmp_
     subprocess.run([*bake, "--overwrite"], check=True)
     taken = json.loads(report.read_text())["processor_seconds"]
     assert json.loads(said)["bake"]["processor_seconds"] == pytest.approx(taken, rel=0.3)
+
+
+@pytest.mark.parametrize("layout", ["", "[layout]\n"])
+def test_feathers_in_their_skin_are_told_with_the_layout_that_they_lack(tmp_path, layout):
+    shot = write_patch(tmp_path, 12, 1)
+    groom = shot.with_name("groom.toml")
+    text = groom.read_text().replace("[layout]\n", layout)
+    groom.write_text(text.replace("[[region]]\n", "[[region]]\ntilt = -25\n"))
+    shot.write_text(ON_SKIN)
+    stage = Usd.Stage.Open(str(shot.with_name("body.usda")))
+    points = UsdGeom.Mesh(stage.GetPrimAtPath("/skin")).GetPointsAttr()
+    rest = np.array(points.Get())
+    for frame in (1, 2):
+        points.Set(
+            Vt.Vec3fArray.FromNumpy((rest * (1.0, 1.0, 0.99 + 0.01 * frame)).astype(np.float32)),
+            frame,
+        )
+    stage.Save()
+    report = tmp_path / "patch.json"
+    told = invoke("bake", shot, "-o", tmp_path / "patch.usdc", "--report", report)
+    assert told.exit_code == 0
+    assert json.loads(report.read_text())["skin_depth"]["unlaid"] == (0 if layout else 12)
+    if not layout:
+        assert "vanes in the skin" in told.stderr
+    assert ("Give the groom a [layout]" in told.stderr) == (not layout)
