@@ -258,7 +258,7 @@ def test_stats_tell_the_processor_time_of_a_bake_whatever_else_runs(sample, tmp_
     assert json.loads(said)["bake"]["processor_seconds"] == pytest.approx(taken, rel=0.3)
 
 
-@pytest.mark.parametrize("layout", ["", "[layout]\n"])
+@pytest.mark.parametrize("layout", ["", pytest.param("[layout]\n", marks=pytest.mark.nightly)])
 def test_feathers_in_their_skin_are_told_with_the_layout_that_they_lack(tmp_path, layout):
     shot = write_patch(tmp_path, 12, 1)
     groom = shot.with_name("groom.toml")
