@@ -314,7 +314,7 @@ def _grown(
         warn_input(
             f"{region.place.source}: {region.place.key}: '{entry['id']}' has hardly any place on "
             f"the skin, which reaches {_reach(region)} as this groom's points are written: "
-            f"{len(points)} of {count} feathers"
+            f"{len(points)} of {count} feathers{'' if region.space.given else _OWN_SPACE}"
         )
     found = _above_ground(region, found)
     points = found.points
@@ -454,6 +454,9 @@ def _above_ground(region: _Region, found: Scattered) -> Scattered:
         3,
     )
     return Scattered(found.points.some(~buried), found.number[~buried])
+
+
+_OWN_SPACE = ". A [space] with of = 'skin' writes them in the axes of the skin itself"
 
 
 def _reach(region: _Region) -> str:
