@@ -384,9 +384,9 @@ def _scattered(region: _Region, count: int) -> Scattered:
 
     def compute() -> dict[str, Any]:
         if density is None:
-            found = scatter(surface, region.presence, count, seed)
+            found = scatter(region.presence, count, seed)
         else:
-            found = scatter_by_density(surface, region.presence, density, seed)
+            found = scatter_by_density(region.presence, density, seed)
         places = {name: getattr(found.points, name) for name in _PLACES}
         return {"number": found.number, **places}
 
