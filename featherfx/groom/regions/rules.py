@@ -189,18 +189,17 @@ def presence(rules: tuple[dict[str, Any], ...], skin: GroomSkin, place: Place) -
 
 def _presence(rule: dict[str, Any], skin: GroomSkin, place: Place) -> tuple[Rule, Bound, Any]:
     """A rule, its bound, and the values of the skin that it was made of."""
-    name, soft, inputs = the_one(_PLACES, rule, place), rule["soft"], None
-    inverted, depth = rule["invert"], None
+    name, soft, inverted = the_one(_PLACES, rule, place), rule["soft"], rule["invert"]
+    value, inputs, depth = rule[name], None, None
     if name in ("primvar", "subset", "image"):
-        plain, inputs = painted(name, rule[name], skin.surface, skin.folder, place.child(name))
+        plain, inputs = painted(name, value, skin.surface, skin.folder, place.child(name))
     elif name == "facing":
         plain = _facing(rule)
     elif name == "free_radius":
-        least = rule[name]
-        plain = lambda points: _fade(points.interpolated(points.surface.room) - least, soft)  # noqa: E731
+        plain = _within(lambda points: points.interpolated(points.surface.room) - value, soft)
     else:
-        depth = _depth(name, rule[name], skin.space, place.child(name))
-        plain = lambda points: _fade(depth(points.position), soft)  # noqa: E731
+        depth = _depth(name, value, skin.space, place.child(name))
+        plain = _within(lambda points: depth(points.position), soft)
 
     def bound(surface: SkinSurface, triangles: Indices) -> Array:
         if depth is None:
@@ -211,6 +210,10 @@ def _presence(rule: dict[str, Any], skin: GroomSkin, place: Place) -> tuple[Rule
         return _fade(depth(middles) + _REACH_RATIO * radii, soft)
 
     return ((lambda points: 1.0 - plain(points)) if inverted else plain), bound, inputs
+
+
+def _within(depth: Rule, soft: float) -> Rule:
+    return lambda points: _fade(depth(points), soft)
 
 
 def painted(
