@@ -70,6 +70,46 @@ def factorise(matrix: Any) -> Callable[[Array], Array]:
     return lambda right: np.ascontiguousarray(found.solve(np.ascontiguousarray(right)))
 
 
+def make_smoother(
+    elements: TriangleElements, faces: Indices, reach: Array | float
+) -> Callable[[Array], Array]:
+    """Factorise M + int reach^2 grad u . grad v; M lumps areas. reach: (T,) or one, m."""
+    from scipy.sparse import diags_array
+
+    weights = np.broadcast_to(np.square(reach), len(faces))
+    return factorise(diags_array(elements.masses) + make_stiffness(elements, faces, weights))
+
+
+def find_edges(faces: Indices) -> Indices:
+    """Return (3 T, 2) the edges of triangles (T, 3), as these go round."""
+    return np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
+
+
+def spread_heights(
+    points: Array, faces: Indices, heights: Array, slope: float, floor: Array | float = -np.inf
+) -> Array:
+    """Return (V,) the least heights that are nowhere below heights (V,) and fall by no more than a
+    slope along edges; -inf where they would be below a floor."""
+    edges = find_edges(faces)
+    edges = np.concatenate([edges, edges[:, ::-1]])
+    falls = slope * np.linalg.norm(np.diff(points[edges], axis=1)[:, 0], axis=1)
+    found, before = heights.copy(), np.full_like(heights, np.nan)
+    while (found != before).any():
+        before = found.copy()
+        np.maximum.at(found, edges[:, 0], before[edges[:, 1]] - falls)
+        found[found < floor] = -np.inf
+    return found
+
+
+def find_vertex_normals(points: Array, faces: Indices) -> Array:
+    """Return (V, 3) unit normals, the mean of the triangles around by their area."""
+    from featherfx.algebra.element_kernels import fill_normals
+
+    normals = np.empty_like(points)
+    fill_normals(points, faces, normals)
+    return normals
+
+
 def weld(corners: Array) -> tuple[Array, Indices]:
     """Return the places (V, 3) of corners (T, 3, 3), each once, and the triangles (T, 3)."""
     points, number = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)

@@ -14,12 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from featherfx.algebra.element_kernels import fill_normals
 from featherfx.algebra.surface_elements import (
     TriangleElements,
-    factorise,
+    find_vertex_normals,
     make_elements,
-    make_stiffness,
+    make_smoother,
 )
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots, unit
@@ -56,12 +55,9 @@ class Carrier:
 
 def make_mesh(points: Array, faces: Indices, reach: Array | float) -> CoatMesh:
     """Prepare a skin. points: (V, 3) m. faces: (T, 3). reach: (T,) m, of the smoothing."""
-    from scipy.sparse import diags_array
-
     elements = make_elements(points, faces)
-    weights = np.broadcast_to(np.square(reach), len(faces)).astype(float)
-    matrix = diags_array(elements.masses) + make_stiffness(elements, faces, weights)
-    return CoatMesh(points, faces, find_neighbours(faces), elements.masses, factorise(matrix))
+    smooth = make_smoother(elements, faces, reach)
+    return CoatMesh(points, faces, find_neighbours(faces), elements.masses, smooth)
 
 
 def find_neighbours(faces: Indices) -> Indices:
@@ -81,16 +77,9 @@ def pose_carrier(mesh: CoatMesh, points: Array) -> Carrier:
     """Smooth a skin in a pose. points: (V, 3) m."""
     masses = mesh.masses[:, None]
     soft = mesh.smooth(masses * points)
-    normals = _vertex_normals(soft, mesh.faces)
+    normals = find_vertex_normals(soft, mesh.faces)
     lost = np.maximum(dots(points - soft, normals), 0.0)[:, None]
     soft = soft + mesh.smooth(masses * lost) * normals
-    own = _vertex_normals(soft, mesh.faces)
+    own = find_vertex_normals(soft, mesh.faces)
     smooth = unit(mesh.smooth(masses * own))
     return Carrier(soft, np.hstack([smooth, own]), make_elements(soft, mesh.faces))
-
-
-def _vertex_normals(points: Array, faces: Indices) -> Array:
-    """Return (V, 3) unit normals, the mean of the triangles around by their area."""
-    normals = np.empty_like(points)
-    fill_normals(points, faces, normals)
-    return normals

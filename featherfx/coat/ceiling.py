@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from featherfx.algebra.surface_elements import spread_heights
 from featherfx.algebra.types import Array
 from featherfx.algebra.vectors import dots, unit
 from featherfx.coat.coat import Coat
@@ -54,14 +55,8 @@ def find_ceiling(coat: Coat, above: Array, reach: Array, ways: Array) -> Array:
             own = corners[near, k]
             away = np.linalg.norm(rest.points[own] - foot[near], axis=1)
             np.minimum.at(found, own, _FILLED_RATIO * height[near] + _SLOPE * away)
-    edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
-    edges = np.concatenate([edges, edges[:, ::-1]])
-    steps = _SLOPE * np.linalg.norm(np.diff(rest.points[edges], axis=1)[:, 0], axis=1)
-    before = np.zeros_like(found)
-    while (found != before).any():
-        before = found.copy()
-        np.minimum.at(found, edges[:, 0], before[edges[:, 1]] + steps)
-        found[found > 2.0 * _MAX_HEIGHT * fields.length] = np.inf
+    floor = -2.0 * _MAX_HEIGHT * fields.length
+    found = -spread_heights(rest.points, faces, -found, _SLOPE, floor)
     filled = DOWN_SHARE + np.expm1(-fields.steepness * reach) / np.expm1(-fields.steepness)
     room = found - filled * fields.thickness - fields.lift * reach**2
     return np.asarray(np.maximum(room, 0.0) * (reach + HINGE) / ((1.0 + HINGE) * reach**2))

@@ -16,6 +16,7 @@ from featherfx.coat.fields import (
     CoatSpacing,
     Fields,
     Follicles,
+    average_follicles,
     find_headings,
     find_tilts,
     make_coat_mesh,
@@ -132,9 +133,10 @@ def grow_coat(
     """
     mesh = make_coat_mesh(points, faces, follicles)
     rest = pose_carrier(mesh, points)
-    tilts = find_tilts(mesh, rest, follicles)
-    follicles = follicles._replace(heading=find_headings(mesh, rest, follicles))
-    fields = make_fields(mesh, rest, follicles, tilts[:, 0], spacing)
+    normals = unit(follicles.corners(mesh, rest.normals[:, :3]))
+    mean, tilts = average_follicles(rest.elements, faces, follicles), find_tilts(follicles, normals)
+    follicles = follicles._replace(heading=find_headings(mesh, follicles, normals, mean))
+    fields = make_fields(mesh, follicles, mean, tilts[:, 0], spacing)
     tilts[:, 0] -= follicles.corners(mesh, fields.rise)
     own = _by_sides(rest, mesh, follicles, follicles.heading)
     values = follicles.corners(mesh, fields.phi)

@@ -26,11 +26,12 @@ from featherfx.algebra.surface_elements import (
     TriangleElements,
     factorise,
     make_elements,
+    make_smoother,
     make_stiffness,
 )
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots, unit
-from featherfx.coat.carrier import Carrier, CoatMesh, make_mesh
+from featherfx.coat.carrier import CoatMesh, make_mesh
 
 # of the length of the feathers: reach of means over the skin, and of the smoothing of the carrier
 _MEAN_REACH, _CARRIER_REACH = 1.0, 0.1
@@ -113,7 +114,7 @@ class Fields(NamedTuple):
 
 def make_coat_mesh(points: Array, faces: Indices, follicles: Follicles) -> CoatMesh:
     """Prepare a skin for its coat: creases shorter than its feathers are smoothed."""
-    mean = SkinMeans(make_elements(points, faces), faces, _find_reach(follicles), follicles)
+    mean = average_follicles(make_elements(points, faces), faces, follicles)
     length = mean(follicles.length)[faces].mean(axis=1)
     return make_mesh(points, faces, _CARRIER_REACH * length)
 
@@ -132,11 +133,10 @@ class SkinMeans:
         places: SkinPlaces | Follicles,
         weights: Array | float = 1.0,
     ) -> None:
-        from scipy.sparse import csr_array, diags_array
+        from scipy.sparse import csr_array
 
-        stiff = make_stiffness(elements, faces, np.full(len(faces), reach**2))
-        self._masses = elements.masses
-        self._solve: Callable[[Array], Array] = factorise(diags_array(elements.masses) + stiff)
+        self.elements = elements
+        self._solve: Callable[[Array], Array] = make_smoother(elements, faces, reach)
         count = len(places.triangle)
         rows = np.repeat(np.arange(count), 3), faces[places.triangle].ravel()
         shape = count, len(elements.masses)
@@ -155,22 +155,19 @@ class SkinMeans:
 
     def smooth(self, values: Array) -> Array:
         """Means (V, K) of values (V, K) around, by the skin's area alone."""
-        return self._solve(self._masses[:, None] * values)
+        return self._solve(self.elements.masses[:, None] * values)
 
 
-def find_tilts(mesh: CoatMesh, carrier: Carrier, follicles: Follicles) -> Array:
-    """Return (F, 2) m and rad, rise of tips over the smoothed skin by the tilts of their roots, and
-    rolls."""
-    normals = unit(follicles.corners(mesh, carrier.normals[:, :3]))
+def find_tilts(follicles: Follicles, normals: Array) -> Array:
+    """Return (F, 2) m and rad, rise of tips over the smoothed skin, of normals (F, 3), by the tilts
+    of their roots, and rolls."""
     rise, side = (dots(each, normals) for each in (follicles.heading, follicles.lateral))
     return np.stack([follicles.length * rise, np.arcsin(np.clip(side, -1.0, 1.0))], axis=1)
 
 
-def find_headings(mesh: CoatMesh, carrier: Carrier, follicles: Follicles) -> Array:
-    """Return (F, 3) unit headings in the planes of the smoothed normals, which agree."""
-    normals = unit(follicles.corners(mesh, carrier.normals[:, :3]))
+def find_headings(mesh: CoatMesh, follicles: Follicles, normals: Array, mean: SkinMeans) -> Array:
+    """Return (F, 3) unit headings in the planes of normals (F, 3), which agree."""
     own = _flattened(follicles.heading, normals)
-    mean = SkinMeans(carrier.elements, mesh.faces, _find_reach(follicles), follicles)
     common = follicles.corners(mesh, mean(own))
     agreement = np.linalg.norm(common, axis=1, keepdims=True)
     turned = np.clip(2.0 - 2.0 * agreement / _MIN_AGREEMENT, 0.0, 1.0)
@@ -182,18 +179,19 @@ def _flattened(ways: Array, normals: Array) -> Array:
     return np.asarray(unit(ways - dots(ways, normals)[:, None] * normals))
 
 
-def _find_reach(follicles: Follicles) -> float:
-    """Return the reach of means over the skin, m."""
-    return _MEAN_REACH * float(np.median(follicles.length))
+def average_follicles(
+    elements: TriangleElements, faces: Indices, follicles: Follicles
+) -> SkinMeans:
+    """Means over a skin of what follicles have, over the lengths of their feathers."""
+    return SkinMeans(elements, faces, _MEAN_REACH * float(np.median(follicles.length)), follicles)
 
 
 def make_fields(
-    mesh: CoatMesh, carrier: Carrier, follicles: Follicles, rise: Array, spacing: CoatSpacing
+    mesh: CoatMesh, follicles: Follicles, mean: SkinMeans, rise: Array, spacing: CoatSpacing
 ) -> Fields:
     """Solve for the fields of a coat on its skin at rest. follicles: with headings that agree.
     rise: (F,) m, of tips by the tilts of roots."""
-    faces, elements = mesh.faces, carrier.elements
-    mean = SkinMeans(elements, faces, _find_reach(follicles), follicles)
+    faces, elements = mesh.faces, mean.elements
     length, rise = mean(np.stack([follicles.length, rise], axis=1)).T
     heading = follicles.heading
     flow = mean(heading)[faces].mean(axis=1)

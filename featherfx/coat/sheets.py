@@ -10,17 +10,16 @@ and below, never through them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.element_kernels import fill_normals
 from featherfx.algebra.surface_elements import (
-    TriangleElements,
-    factorise,
+    find_edges,
+    find_vertex_normals,
     make_elements,
-    make_stiffness,
+    make_smoother,
+    spread_heights,
 )
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import dots, unit
@@ -56,12 +55,12 @@ def raise_onto(points: Array, faces: Indices, above: Array, hidden: Array) -> Ar
     crease. points: (V, 3) m, each place once. faces: (T, 3). above: (N, 3) m, points of these
     feathers. hidden: (M, 3) m, points over where it is not raised but under these feathers.
     """
-    normals = np.empty_like(points)
-    fill_normals(points, faces, normals)
     triangle, place = closest(above, points[faces])
     away = above - np.einsum("nk,nkc->nc", place, points[faces[triangle]])
     elements = make_elements(points, faces)
-    ways = unit(_smoother(elements, faces, np.linalg.norm(away, axis=1).max())(normals))
+    masses = elements.masses[:, None]
+    normals = masses * find_vertex_normals(points, faces)
+    ways = unit(make_smoother(elements, faces, np.linalg.norm(away, axis=1).max())(normals))
     corners, foot, height = _find_heights(points, faces, ways, above)
     height += _OVER * height.max()
     feet = points, faces, corners, foot
@@ -69,9 +68,9 @@ def raise_onto(points: Array, faces: Indices, above: Array, hidden: Array) -> Ar
     corners, foot, _ = _find_heights(points, faces, ways, hidden)
     rise = np.minimum(rise, -_ramp(points, faces, corners, foot, np.zeros(len(foot)), _SLOPE))
     rise = np.maximum(np.maximum(rise, 0.0), _ramp(*feet, height, _STEEP))
-    smooth = _smoother(elements, faces, _REACH * rise.max())
-    soft = smooth(rise)
-    soft += smooth(np.maximum(rise - soft, 0.0))
+    smooth = make_smoother(elements, faces, _REACH * rise.max())
+    soft = smooth(elements.masses * rise)
+    soft += smooth(elements.masses * np.maximum(rise - soft, 0.0))
     return np.asarray(points + soft[:, None] * ways)
 
 
@@ -99,23 +98,7 @@ def _ramp(
     for own in corners.T:
         away = np.linalg.norm(points[own] - foot, axis=1)
         np.maximum.at(found, own, height - slope * away)
-    edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
-    edges = np.concatenate([edges, edges[:, ::-1]])
-    falls = slope * np.linalg.norm(np.diff(points[edges], axis=1)[:, 0], axis=1)
-    before = np.empty_like(found)
-    while (found != before).any():
-        before = found.copy()
-        np.maximum.at(found, edges[:, 0], before[edges[:, 1]] - falls)
-    return found
-
-
-def _smoother(elements: TriangleElements, faces: Indices, reach: float) -> Callable[[Array], Array]:
-    """Means of values (V, ...) around, over a reach (m)."""
-    from scipy.sparse import diags_array
-
-    stiff = make_stiffness(elements, faces, np.full(len(faces), reach**2))
-    solve = factorise(diags_array(elements.masses) + stiff)
-    return lambda values: solve((elements.masses * values.T).T)
+    return spread_heights(points, faces, found, slope)
 
 
 def sew_fan(points: Array, faces: Indices, nodes: Array, others: Array) -> tuple[Array, Indices]:
@@ -174,7 +157,7 @@ def _cut_behind(
     nothing: tuple[Indices, Flags] = np.zeros(0, dtype=np.int64), np.zeros(len(faces), dtype=bool)
     if not behind.any():
         return nothing
-    edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
+    edges = find_edges(faces)
     inner = edges[behind[edges].all(axis=1)]
     shape = len(points), len(points)
     _, part = connected_components(coo_array((np.ones(len(inner)), tuple(inner.T)), shape=shape))
@@ -182,9 +165,7 @@ def _cut_behind(
     cut = (part == part[nearest])[faces].any(axis=1)
     if aside[faces[cut]].max() > _MAX_ASIDE * axes.length:
         return nothing
-    own, others = (
-        np.concatenate([faces[some][:, [k, (k + 1) % 3]] for k in range(3)]) for some in (cut, ~cut)
-    )
+    own, others = (find_edges(faces[some]) for some in (cut, ~cut))
     key = len(points)
     seam = own[np.isin(own[:, 0] * key + own[:, 1], others[:, 1] * key + others[:, 0])]
     after = dict(seam.tolist())

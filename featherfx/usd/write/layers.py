@@ -278,10 +278,12 @@ def _find_difference(layer: Any, path: Path) -> str:
         return _describe_error(error)
     if written is None or written.defaultPrim != layer.defaultPrim:
         return "it cannot be opened"
-    if written.ListAllTimeSamples() != layer.ListAllTimeSamples():
+    times = layer.ListAllTimeSamples()
+    if written.ListAllTimeSamples() != times:
         return "it has other time codes"
     paths: list[Any] = []
-    layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
+    if times:
+        layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
     sampled = [each for each in paths if layer.ListTimeSamplesForPath(each)]
     for each in sampled[:: max(1, len(sampled) // _COMPARED_ATTRIBUTES)]:
         codes = layer.ListTimeSamplesForPath(each)
