@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.types import Array
-from featherfx.shot.roots import RootFrames, Roots
+from featherfx.algebra.types import Array, Indices
+from featherfx.shot.roots import RootFrames, Roots, some_roots
 
 # of the error tolerance: what moves less before the first frame is at rest
 STILL = 1e-3
@@ -80,6 +80,10 @@ class RunUpRoots(NamedTuple):
         """Return where the roots are at a time, s since the first frame."""
         positions, rotations = self.motion.frames(self.run_up.own(time))
         return RootFrames(positions + self.run_up.shift(time), rotations)
+
+    def some(self, chosen: Indices) -> Roots:
+        """Return those of feathers (K,), by numbers in ascending order."""
+        return self._replace(motion=some_roots(self.motion, chosen))
 
 
 def run_up_of(motion: Roots, duration: float, tolerance: float, end: float = 0.0) -> RunUp | None:

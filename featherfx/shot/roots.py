@@ -6,12 +6,13 @@ whose poses come from a wing beat (beat.py), from keyframes (keys.py), or are he
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from featherfx.algebra.types import Array
+from featherfx.algebra.types import Array, Indices
 from featherfx.shot.clock import FrameCuts
 
 # of a root within an interval
@@ -51,6 +52,34 @@ class RootsWithCuts(Roots, Protocol):
 
     def after(self, time: float) -> RootFrames:
         """Return where the roots are from a time on; frames tells where they were until then."""
+
+
+@runtime_checkable
+class SeparableRoots(Roots, Protocol):
+    """Roots of which some can be moved without the others."""
+
+    def some(self, chosen: Indices) -> Roots:
+        """Return those of feathers (K,), by numbers in ascending order."""
+
+
+@dataclass(frozen=True)
+class PickedRoots:
+    """Those of the roots of all feathers that have some numbers (K,)."""
+
+    motion: Roots
+    chosen: Indices
+
+    def frames(self, time: float) -> RootFrames:
+        """Return where they are at a time, s since the first frame."""
+        return RootFrames(*(each[self.chosen] for each in self.motion.frames(time)))
+
+
+def some_roots(motion: Roots, chosen: Indices) -> Roots:
+    """Roots of feathers (K,), by numbers in ascending order; without the others where that is
+    possible."""
+    if isinstance(motion, SeparableRoots):
+        return motion.some(chosen)
+    return PickedRoots(motion, chosen)
 
 
 def arrived(motion: Roots, time: float) -> RootFrames:

@@ -90,6 +90,25 @@ class BoundSkin:
             rotations[members] = carriers @ self.rotations[members]
         return RootFrames(positions, rotations)
 
+    def some(self, chosen: Indices) -> BoundSkin:
+        """Return the roots of feathers (K,), by numbers in ascending order."""
+        parts = []
+        for part in self.parts:
+            kept = np.isin(part.members, chosen)
+            if kept.any():
+                binding = part.binding.some(kept)
+                members = np.searchsorted(chosen, part.members[kept])
+                triangles = part.surface.triangles[binding.used]
+                parts.append(_Part(part.surface, members, binding, triangles))
+        return replace(
+            self,
+            ids=tuple(self.ids[k] for k in chosen),
+            rotations=self.rotations[chosen],
+            parts=tuple(parts),
+            roots=tuple(self.roots[k] for k in chosen),
+            _warned=set(),
+        )
+
     def carriers(self, time: float) -> Array:
         """(F, 3) m, points of the skin that roots stand over at a time in s."""
         points, code = np.zeros((len(self.ids), 3)), self.clock.code(time)

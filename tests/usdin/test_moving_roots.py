@@ -6,7 +6,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import featherfx
+from featherfx.shot.clock import StageClock
+from featherfx.shot.motion.cuts import CutRoots
+from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.options.load_estimate import estimate_loads
 from featherfx.shot.patterns import part_of
+from featherfx.shot.preroll import RunUp, RunUpRoots
+from featherfx.shot.roots import PickedRoots, some_roots
 
 
 def turns_of(skin, time):
@@ -111,7 +117,22 @@ def test_motion_goes_on_beyond_the_samples_or_comes_to_rest_where_it_is_held(tmp
 
 def test_some_of_the_roots_move_as_all_do(tmp_path):
     shot = featherfx.read_shot(creature.write_shot(tmp_path, creature.sampled, count=9))
-    some = np.array([1, 2, 7])
-    whole, part = shot.skin.frames(0.31), part_of(shot, some).skin.frames(0.31)
-    np.testing.assert_array_equal(part.positions, whole.positions[some])
-    np.testing.assert_array_equal(part.rotations, whole.rotations[some])
+    some, motion = np.array([1, 2, 7]), RunUpRoots(root_motion(shot), RunUp(0.5, (0.1, 0.0, 0.0)))
+    cut = CutRoots(motion, StageClock())
+    picked = PickedRoots(shot.skin, np.arange(9))  # which cannot be moved one without the others
+    for time in (-0.2, 0.31):
+        for whole in (shot.skin, motion, cut, picked):
+            for every, own in zip(
+                whole.frames(time), some_roots(whole, some).frames(time), strict=True
+            ):
+                np.testing.assert_array_equal(own, every[some])
+        part = part_of(shot, some).skin.frames(time)
+        np.testing.assert_array_equal(part.positions, shot.skin.frames(time).positions[some])
+
+
+def test_loads_of_some_feathers_are_those_among_all(tmp_path):
+    shot = featherfx.read_shot(creature.write_shot(tmp_path, creature.sampled, count=9))
+    whole, part = (estimate_loads(shot, root_motion(shot), each) for each in (None, [1, 2, 7]))
+    for every, own in zip(whole, part, strict=True):
+        np.testing.assert_array_equal(own[[1, 2, 7]], every[[1, 2, 7]])
+        assert np.isnan(own[[0, 3, 8]]).all()

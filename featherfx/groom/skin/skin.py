@@ -62,15 +62,18 @@ class Binding:
         return found
 
     def some(self, kept: Flags) -> Binding:
-        """The roots that are kept, (F,), on the same triangles."""
+        """The roots that are kept, (F,)."""
+        field, own = self.field.some(kept), self.own[kept]
+        needed, number = np.unique(np.append(field.places, own), return_inverse=True)
+        places, own = np.split(number.ravel(), [len(field.places)])
         return Binding(
             triangle=self.triangle[kept],
             barycentric=self.barycentric[kept],
             distance=self.distance[kept],
             offset=self.offset[kept],
-            field=self.field.some(kept),
-            used=self.used,
-            own=self.own[kept],
+            field=replace(field, places=places, inverse=field.inverse[needed]),
+            used=self.used[needed],
+            own=own,
         )
 
 

@@ -56,7 +56,7 @@ from featherfx.shot.options.options import (
 )
 from featherfx.shot.patterns import part_of
 from featherfx.shot.preroll import NO_RUN_UP
-from featherfx.shot.roots import RootFrames, Roots
+from featherfx.shot.roots import PickedRoots, RootFrames, Roots, some_roots
 from featherfx.shot.types import MeasuredGrid, Shot
 
 # strata a shot may have at least, and one for so many feathers
@@ -267,7 +267,7 @@ class _Search:
     ) -> None:
         self._shot, self._sample, self._windows = shot, sample, list(windows)
         self._goal, self._promised = _MARGIN * error, error
-        self._roots = _KnownRoots(root_motion(shot))
+        self._roots = _KnownRoots(some_roots(root_motion(shot), sample))
         self._runs: list[dict[tuple[Level, Window], WindowRun]] = [{} for _ in sample]
         self._lengths = np.array([shot.groom.feathers[f].kind.length for f in sample])
         first = first_grid(error)
@@ -374,11 +374,11 @@ class _Search:
 
     def _simulated(self, level: Level, window: Window, members: Sequence[int]) -> list[WindowRun]:
         order = np.argsort(self._sample[list(members)])
-        chosen = self._sample[list(members)][order]
-        part = part_of(self._shot, chosen)
+        chosen = np.array(members)[order]
+        part = part_of(self._shot, self._sample[chosen])
         part = replace(part, quality=quality_at(part.quality, level))
         try:
-            runs = simulate_window(part, window, _SomeRoots(self._roots, chosen))
+            runs = simulate_window(part, window, PickedRoots(self._roots, chosen))
         except (SimulationError, InputError):  # or a vane that folds over itself on a finer grid
             if len(members) == 1:
                 return [_FAILED]
@@ -388,7 +388,7 @@ class _Search:
 
 @dataclass
 class _KnownRoots:
-    """Roots of all feathers, which windows of many runs ask for at the same times."""
+    """Roots of a sample, which windows of many runs ask for at the same times."""
 
     motion: Roots
     known: dict[float, RootFrames] = field(default_factory=dict)
@@ -397,17 +397,6 @@ class _KnownRoots:
         if time not in self.known:
             self.known[time] = self.motion.frames(time)
         return self.known[time]
-
-
-@dataclass(frozen=True)
-class _SomeRoots:
-    """Those of the feathers of a part, by their numbers."""
-
-    motion: Roots
-    members: Indices
-
-    def frames(self, time: float) -> RootFrames:
-        return RootFrames(*(each[self.members] for each in self.motion.frames(time)))
 
 
 def simulate_window(shot: Shot, window: Window, motion: Roots | None = None) -> list[WindowRun]:

@@ -24,9 +24,11 @@ class ShelterLoads(ShotLoad):
     def __init__(self, run: ShotRun) -> None:
         super().__init__(run)
         self._exposures = exposures(run.shot).tolist()
-        kinds = [placement.kind for placement in run.shot.groom.feathers]
+        self._solved = run.solved[run.options.simulated[run.solved]]
+        kinds = [run.shot.groom.feathers[f].kind for f in self._solved]
         middles = [0.5 * kind.length * (1.0 + kind.calamus) for kind in kinds]
         self._middles = np.array(middles)[:, None] * np.array([1.0, 0.0, 0.0])
+        self.place = {f: k for k, f in enumerate(self._solved.tolist())}
         self.root_rates = lru_cache(1)(self._root_rates)
 
     def key(self, feather: int) -> Hashable:
@@ -39,22 +41,25 @@ class ShelterLoads(ShotLoad):
         return None if exposure == 1.0 else _Shelter(exposure, self)
 
     def _carried(self, roots: RootFrames) -> Array:
-        """(F, 3) m, the middles of all vanes as their roots carry them."""
+        """(S, 3) m, the middles of vanes as their roots carry them."""
         return roots.positions + np.einsum("fij,fj->fi", roots.rotations, self._middles)
 
+    def _own(self, roots: RootFrames) -> RootFrames:
+        return RootFrames(*(each[self._solved] for each in roots))
+
     def _root_rates(self, start: float, end: float, changing: bool) -> tuple[Array, Array]:
-        """(F, 3) m/s, velocities from start to end (s) of the middles of all vanes as their roots
-        carry them, and (F, 3) m/s^2, their change since the span before; 0 where that is not asked
-        for."""
-        duration, motion = end - start, self.run.motion
-        begin, reached = arrived(motion, start), motion.frames(start)
-        way = self._carried(motion.frames(end)) - self._carried(begin)
+        """(S, 3) m/s, velocities from start to end (s) of the middles of simulated vanes as their
+        roots carry them, and (S, 3) m/s^2, their change since the span before; 0 where that is not
+        asked for."""
+        duration, motion, own = end - start, self.run.motion, self._own
+        begin, reached = own(arrived(motion, start)), own(motion.frames(start))
+        way = self._carried(own(motion.frames(end))) - self._carried(begin)
         change = np.zeros_like(way)
         if not duration > 0.0:
             return change, change
         if changing:
             # a cut turns the velocity before it with the root
-            before = self._carried(reached) - self._carried(arrived(motion, start - duration))
+            before = self._carried(reached) - self._carried(own(arrived(motion, start - duration)))
             turned = np.einsum("fij,fkj,fk->fi", begin.rotations, reached.rotations, before)
             change = np.round((way - turned) / duration**2, _DIGITS)
         return np.round(way / duration, _DIGITS), change
@@ -71,7 +76,8 @@ class _Shelter(GroupLoad):
         if group.is_flying:
             return loads
         velocity, change = self._shelter.root_rates(start, end, loads.added_mass.size > 0)
-        return sheltered(loads, self._exposure, velocity[group.members], change[group.members])
+        own = [self._shelter.place[f] for f in group.members.tolist()]
+        return sheltered(loads, self._exposure, velocity[own], change[own])
 
 
 def sheltered(loads: Loads, exposure: float, velocity: Array, change: Array) -> Loads:

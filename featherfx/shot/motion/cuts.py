@@ -25,12 +25,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.types import Array, Flags
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError
 from featherfx.packages import load_name
 from featherfx.shot.clock import FrameCuts, StageClock
 from featherfx.shot.motion.motion import uncut_motion
-from featherfx.shot.roots import RootFrames, Roots
+from featherfx.shot.roots import RootFrames, Roots, some_roots
 from featherfx.shot.skin import BoundSkin
 from featherfx.shot.sources import MovingSurface, TimedSurface
 from featherfx.shot.types import Motion, Shot
@@ -311,6 +311,10 @@ class CutRoots:
                 if len(self._known) > _MAX_TIMES:
                     del self._known[next(iter(self._known))]
             return self._known[time]
+
+    def some(self, chosen: Indices) -> Roots:
+        """Return those of feathers (K,), by numbers in ascending order."""
+        return CutRoots(some_roots(self.motion, chosen), self.clock)
 
     def after(self, time: float) -> RootFrames:
         """The same; at a cut, after it."""

@@ -12,7 +12,7 @@ from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.resolution import barb_load, rachis_deflection
 from featherfx.shot.loads.loads import exposures, wind_field
-from featherfx.shot.roots import Roots, sampled_rates
+from featherfx.shot.roots import Roots, sampled_rates, some_roots
 from featherfx.shot.types import Shot
 
 # accelerations beyond gravity that feathers see, in gravities
@@ -23,8 +23,9 @@ _PLACE = 0.7
 
 
 class LoadEstimate(NamedTuple):
-    """Largest loads on every feather. acceleration: (F,) m/s^2. pressure: (F,) of the air, Pa.
-    peak: (F,) s since the first frame, when root and wind load it most."""
+    """Largest loads on every feather that was looked at; nan of the others. acceleration: (F,)
+    m/s^2. pressure: (F,) of the air, Pa. peak: (F,) s since the first frame, when root and wind
+    load it most."""
 
     acceleration: Array
     pressure: Array
@@ -70,8 +71,9 @@ def estimate_deflections(
     return found
 
 
-def estimate_loads(shot: Shot, motion: Roots) -> LoadEstimate:
-    """Estimate the largest loads on every feather over the frames of a shot.
+def estimate_loads(shot: Shot, motion: Roots, chosen: Sequence[int] | None = None) -> LoadEstimate:
+    """Estimate the largest loads on feathers over the frames of a shot. chosen: numbers in
+    ascending order, default all.
 
     Three times gravity and inertia of the roots' acceleration, and the pressure of the wind with
     its gusts and of the roots' speed through the air.
@@ -81,7 +83,10 @@ def estimate_loads(shot: Shot, motion: Roots) -> LoadEstimate:
     samples = min(_SAMPLES_PER_FRAME * max(frames, 1), _MAX_SAMPLES)
     moments = np.linspace(0.0, max(frames, 1), samples + 1)
     times = moments / shot.frames_per_second
-    along = _PLACE * np.array([p.kind.length for p in shot.groom.feathers])[:, None]
+    count = len(shot.groom.feathers)
+    own = np.arange(count) if chosen is None else np.array(chosen, dtype=np.int64)
+    lengths, exposed = np.array([p.kind.length for p in shot.groom.feathers]), exposures(shot)[own]
+    along, motion = _PLACE * lengths[own, None], some_roots(motion, own)
     poses = [motion.frames(float(time)) for time in times]
     places = np.stack([each.positions + along * each.rotations[:, :, 0] for each in poses])
     velocity, rate = sampled_rates(places, moments, shot)
@@ -90,7 +95,7 @@ def estimate_loads(shot: Shot, motion: Roots) -> LoadEstimate:
     field = wind_field(wind)
     seen = [field.velocity(place, float(time)) for place, time in zip(places, times, strict=True)]
     against = np.linalg.norm(np.stack(seen) - velocity, axis=2)
-    felt = exposures(shot) * against
+    felt = exposed * against
     still = max(wind.speed, 1.0) ** 2
     peak = times[np.argmax(acceleration / max(gravity, 1.0) + felt**2 / still, axis=0)]
     speed, acceleration = speed.max(axis=0), acceleration.max(axis=0)
@@ -101,5 +106,7 @@ def estimate_loads(shot: Shot, motion: Roots) -> LoadEstimate:
             for place, time in zip(places, times if frames else times[:1], strict=False)
         ]
         through_air = through_air + np.max(blowing, axis=0)
-    air = 0.5 * wind.air_density * wind.drag_normal * (exposures(shot) * through_air) ** 2
-    return LoadEstimate(_LOAD_FACTOR * gravity + acceleration, air, peak)
+    air = 0.5 * wind.air_density * wind.drag_normal * (exposed * through_air) ** 2
+    found = np.full((3, count), np.nan)
+    found[:, own] = _LOAD_FACTOR * gravity + acceleration, air, peak
+    return LoadEstimate(*found)

@@ -179,10 +179,10 @@ def resolve_options(
     measured: Sequence[MeasuredGrid] = ()
     is_measured = True
     if quality.promised is not None or CHOSEN in (quality.coefficients, quality.simulated_rows):
-        loads = estimate_loads(shot, motion)
         solved = [f for f, (level, _) in enumerate(levels) if level not in UNSOLVED_LEVELS]
-        looked_at = range(len(feathers)) if quality.promised is None else frozenset(solved)
-        deflections = estimate_deflections(shot, feathers, loads, looked_at)
+        looked_at = range(len(feathers)) if quality.promised is None else solved
+        loads = estimate_loads(shot, motion, looked_at)
+        deflections = estimate_deflections(shot, feathers, loads, frozenset(looked_at))
         if quality.promised is not None:
             measure = load_name("loop.calibration:measure_grids")
             found = measure(shot, np.array(solved, dtype=np.int64), loads, deflections, free, until)
