@@ -17,6 +17,7 @@ kind = "covert"
 position = [0, {y}, {z}]
 direction = [1, 0, 0]
 up = [0, 0, 1]
+stiffness = {stiffness}
 """
 QUALITY = (
     '{ base = "draft", rows = 5, simulated_rows = 5, simulated_columns = 1, coefficients = 0 }'
@@ -24,11 +25,16 @@ QUALITY = (
 PLATE = '[[collider]]\nusd = "plate.usda"\nprims = ["/plate"]\n'
 # m, between the feathers of the stack; of the plate, at both frames: over it, and into it
 STEP, HEIGHTS = 2e-4, (0.0125, 0.0095)
+# factors of feathers, which multiply those of their overrides
+STIFFNESS = {"f0": 10.0, "f1": 0.1}
 
 
 def write(folder, feathers, quality=QUALITY, contact="", more=""):
     """A shot of feathers by id at (y, z)."""
-    placed = [FEATHER.format(id=each, y=y, z=z) for each, (y, z) in feathers.items()]
+    placed = [
+        FEATHER.format(id=each, y=y, z=z, stiffness=STIFFNESS.get(each, 1.0))
+        for each, (y, z) in feathers.items()
+    ]
     (folder / "g.toml").write_text('name = "g"\n' + "".join(placed))
     text = f'name = "s"\ngroom = "g.toml"\nframes = [1, 2]\nquality = {quality}\n'
     (folder / "s.toml").write_text(f"{text}[contact]\n{contact}\n{more}")
@@ -72,7 +78,7 @@ def test_what_cannot_be_is_one_message_each(tmp_path, quality, contact, told):
 
 
 def test_fifty_that_a_plate_presses_and_two_in_one_place_are_solved(tmp_path):
-    """The lowest of the stack is a million times as stiff as the next."""
+    """The lowest of the stack is a hundred million times as stiff as the next."""
     stage = Usd.Stage.CreateNew(str(tmp_path / "plate.usda"))
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
