@@ -27,6 +27,7 @@ import numpy as np
 
 from featherfx.algebra.lanes import COUNT as LANES
 from featherfx.algebra.sparse import Rows, rows_of
+from featherfx.algebra.types import Flags
 from featherfx.algebra.views import views_of
 from featherfx.feather.types import (
     LEADING,
@@ -309,16 +310,28 @@ class PointCarrier:
         return found
 
 
+def carry_all(feather: Feather, grid: Feather, points: Sequence[RowPoints]) -> list[RowPoints]:
+    """Carry points of a feather to another grid of it."""
+    if feather is grid:
+        return list(points)
+    to_grid = density_map(feather, grid)
+    return [carry_points(to_grid, each) for each in points]
+
+
+def existing_nodes(feather: Feather) -> Flags:
+    """(n, 1 + 2 m) nodes of the rachis and of barbs that are there."""
+    grown = np.repeat(feather.barb_length.T > 0.0, feather.columns, axis=1)
+    return np.concatenate([np.ones((feather.rows, 1), dtype=np.bool_), grown], axis=1)
+
+
 def max_distance(
     coarse: Feather, fine: Feather, points: Sequence[RowPoints], wanted: Sequence[RowPoints]
 ) -> float:
     """m, largest distance of the nodes of a coarse feather from where a fine one has them, in any
     of some poses; nodes of barbs that are not there do not count."""
-    to_coarse = density_map(fine, coarse)
-    grown = np.repeat(coarse.barb_length.T > 0.0, coarse.columns, axis=1)
-    there = np.concatenate([np.ones((coarse.rows, 1), dtype=np.bool_), grown], axis=1)
+    there = existing_nodes(coarse)
     ways = [
-        np.linalg.norm(a.nodes - carry_points(to_coarse, b).nodes, axis=-1)[there].max()
-        for a, b in zip(points, wanted, strict=True)
+        np.linalg.norm(a.nodes - b.nodes, axis=-1)[there].max()
+        for a, b in zip(points, carry_all(fine, coarse, wanted), strict=True)
     ]
     return float(max(ways))

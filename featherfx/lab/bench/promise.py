@@ -2,10 +2,18 @@
 
 Every feather of every shot is a case. The reference has twice the rows, columns and coefficients of
 what the bake simulates, and a tenth of its tolerance; where it is not kept, that is checked on
-three times the rows, columns and coefficients. A case is
+three times the rows, columns and coefficients. Reference x and check y of a feather that flutters
+go different ways in the end, as any two motions do whose distance grows,
 
-    kept        no node is farther from the reference than promised, at any frame
-    undefined   the reference and its check are farther from each other than that
+    |x(t) - y(t)| ~ d exp(l t)
+
+so poses are compared at the frames before they are farther apart than promised. Of those from there
+on, and of others up to one of _LONG, mean pose and swing are unique: the largest RMS distance of a
+node from its mean. A case is
+
+    kept        no node is farther from the reference than promised in any frame with one answer,
+                nor in the mean of the others, and their swings differ by no more
+    undefined   reference and check rest in two poses, or do not agree on mean and swing
     broken      all others
 
 told counts the undefined cases that the bake named.
@@ -15,15 +23,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
-from featherfx.feather.density import max_distance
+from featherfx.feather.density import carry_all, existing_nodes, max_distance
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.groom.keys.preset import Quality
 from featherfx.groom.presets.presets import list_presets, load_preset
@@ -41,6 +51,8 @@ _ERRORS, _MAX_WIND, _FEATHERS, _FRAMES = (3.0, 1.5, 0.5), 20.0, 3, 13
 _CLOSE, _TOUCHING, _TOUCHING_FRAMES = 0.06, 2, 5
 # finer by, and the check; tolerances tighter by
 _FINER, _CHECK, _TIGHTER = 2, 3, 10.0
+# frames of which means are taken, until they are as near as promised
+_LONG = 25, 49, 97
 
 
 class FineRun(NamedTuple):
@@ -57,7 +69,8 @@ class FineRun(NamedTuple):
 
 @dataclass(frozen=True)
 class PromiseCase:
-    """promised, reached: percent of the length; checked: of the reference by its own check."""
+    """promised, reached: percent of the length; checked: of the reference by its own check.
+    unique_frames: frames before reference and check part."""
 
     seed: int
     feather: str
@@ -66,6 +79,7 @@ class PromiseCase:
     reached: float
     checked: float
     outcome: str
+    unique_frames: int
     told: bool
 
 
@@ -115,54 +129,128 @@ def fixed_quality(
 def measure_promise(seed: int, kinds: Sequence[str]) -> list[PromiseCase]:
     """Measure whether a random shot keeps its promise, feather by feather."""
     shot = random_shot(seed, kinds)
-    promised = shot.quality.promised
+    found, promised = run(shot), shot.quality.promised
     assert promised is not None
-    found = run(shot)
-    reached = np.array(_beside(shot, found, _FINER, found))
-    checked, cases = np.zeros(len(reached)), []
-    if (reached > promised).any():
-        checked = np.array(_beside(shot, found, _CHECK, found, _FINER))
     report = found.report | measure_contact_error(shot)
     named = {each for names in report.get("undefined", {}).values() for each in names}
-    for k, placement in enumerate(shot.groom.feathers):
-        outcome = "kept" if reached[k] <= promised else "broken"
-        if outcome == "broken" and checked[k] > promised:
-            outcome = "undefined"
-        cases.append(
-            PromiseCase(
-                seed=seed,
-                feather=f"{placement.id} ({placement.kind.name})",
-                contact=shot.contact is not None,
-                promised=100.0 * promised,
-                reached=100.0 * float(reached[k]),
-                checked=100.0 * float(checked[k]),
-                outcome=outcome,
-                told=placement.id in named,
+    every = np.arange(len(shot.groom.feathers))
+    cases = []
+    for some in [every] if shot.contact is not None else np.split(every, len(every)):
+        for f, judged in zip(some.tolist(), _judge(shot, found, some), strict=True):
+            placement = shot.groom.feathers[f]
+            cases.append(
+                PromiseCase(
+                    seed=seed,
+                    feather=f"{placement.id} ({placement.kind.name})",
+                    contact=shot.contact is not None,
+                    promised=100.0 * promised,
+                    told=placement.id in named,
+                    **judged,
+                )
             )
-        )
     return cases
 
 
-def _beside(shot: Shot, found: FineRun, finer: int, one: FineRun, against: int = 1) -> list[float]:
-    """Errors of a run, or of a reference that is finer by `against`, beside one that is finer."""
-    if shot.contact is not None:
-        every = np.arange(len(shot.groom.feathers))
-        wanted = run(_finer(shot, found, finer, every))
-        own = one if against == 1 else run(_finer(shot, found, against, every))
-        return errors(own, wanted)
-    worst = []
-    for f in range(len(shot.groom.feathers)):
-        each = np.array([f])
-        wanted = run(_finer(shot, found, finer, each))
-        own = FineRun({0: one.feathers[f]}, {0: one.points[f]}, {}, ())
-        if against != 1:
-            own = run(_finer(shot, found, against, each))
-        worst += errors(own, wanted)
-    return worst
+def _judge(shot: Shot, found: FineRun, some: Indices) -> list[dict[str, Any]]:
+    """Judge some feathers of a shot that are simulated together: the figures of their cases."""
+    promised = shot.quality.promised
+    assert promised is not None
+    own = found._replace(
+        feathers={k: found.feathers[f] for k, f in enumerate(some)},
+        points={k: found.points[f] for k, f in enumerate(some)},
+    )
+    fine = run(_finer(shot, found, _FINER, some))
+    reached = _ways(own, fine)
+    checked, means = np.zeros_like(reached), np.zeros((len(some), 2))
+    if (reached > promised).any():
+        checked = _ways(fine, run(_finer(shot, found, _CHECK, some)), own)
+        parted = [unique_frames(each, promised) for each in checked]
+        means = _means(shot, found, some, own, np.array(parted))
+    return [judge(*each, promised) for each in zip(reached, checked, means, strict=True)]
 
 
-def _finer(shot: Shot, found: FineRun, finer: int, some: np.ndarray) -> Shot:
-    """The shot with some of its feathers, finer than the bake simulated any of them."""
+def unique_frames(checked: Array, promised: float) -> int:
+    """Count the frames before a reference and its check (T,) are farther apart than promised."""
+    return int(np.argmax([*(checked > promised), True]))
+
+
+def judge(reached: Array, checked: Array, means: Array, promised: float) -> dict[str, Any]:
+    """Judge a feather by its distances from the reference, and the reference's from its check (T,),
+    and (2,) by those of the means of frames without one answer; all over the length."""
+    count = unique_frames(checked, promised)
+    own, left = (float(each[:count].max(initial=0.0)) for each in (reached, checked))
+    if count < len(reached):
+        own, left = max(own, float(means[0])), max(left, float(means[1]))
+    outcome = "kept" if own <= promised else "broken"
+    return {
+        "outcome": "undefined" if left > promised else outcome,
+        "unique_frames": count,
+        "reached": 100.0 * own,
+        "checked": 100.0 * left,
+    }
+
+
+def _means(shot: Shot, found: FineRun, some: Indices, own: FineRun, parted: Indices) -> Array:
+    """(F, 2) by how much the bake's means and swings differ from the reference's, and these from
+    its check's, over the length, from the frames on at which those part: 0 where they do not."""
+    means, promised = np.zeros((len(some), 2)), shot.quality.promised
+    parts = parted <= shot.last_frame - shot.first_frame
+    assert promised is not None
+    for frames in _LONG if parts.any() else ():
+        longer = replace(shot, last_frame=shot.first_frame + frames - 1)
+        runs = [run(_finer(longer, found, each, some)) for each in (1, _FINER, _CHECK)]
+        for k in np.flatnonzero(parts).tolist():
+            means[k] = [mean_distance(*each, own, k, parted[k]) for each in pairwise(runs)]
+        if (means <= promised).all():
+            break
+    return means
+
+
+def _ways(one: FineRun, other: FineRun, onto: FineRun | None = None) -> Array:
+    """(F, T) largest distance of two runs at every frame, over the length, at the nodes of a third,
+    None: of the first."""
+    grids = (one if onto is None else onto).feathers
+    return np.array(
+        [
+            np.linalg.norm(_nodes(one, k, grid) - _nodes(other, k, grid), axis=-1).max(axis=1)
+            / grid.station[-1]
+            for k, grid in grids.items()
+        ]
+    )
+
+
+def mean_distance(one: FineRun, other: FineRun, onto: FineRun, k: int, first: int) -> float:
+    """Return the largest distance of the mean poses of feather k in two runs from a frame on, as
+    seen from its root, or the difference of their swings, over the length.
+
+    onto: a run that has the grid on which they are compared.
+    """
+    grid = onto.feathers[k]
+    nodes = [_nodes(each, k, grid, from_root=True)[first:] for each in (one, other)]
+    mean = [each.mean(axis=0) for each in nodes]
+    swing = [
+        np.sqrt(((each - middle) ** 2).sum(axis=-1).mean(axis=0)).max()
+        for each, middle in zip(nodes, mean, strict=True)
+    ]
+    apart = np.linalg.norm(mean[0] - mean[1], axis=-1).max()
+    return float(max(apart, abs(swing[0] - swing[1])) / grid.station[-1])
+
+
+def _nodes(found: FineRun, k: int, grid: Feather, from_root: bool = False) -> Array:
+    """(T, K, 3) m, where a run has the nodes of a grid of its feather k at every frame."""
+    there = existing_nodes(grid)
+    carried = carry_all(found.feathers[k], grid, found.points[k])
+    if not from_root:
+        return np.array([each.nodes[there] for each in carried])
+    found_nodes = []
+    for nodes, directors in carried:
+        d2, d3 = directors[0]
+        found_nodes.append((nodes[there] - nodes[0, 0]) @ np.array([np.cross(d2, d3), d2, d3]).T)
+    return np.array(found_nodes)
+
+
+def _finer(shot: Shot, found: FineRun, finer: int, some: Indices) -> Shot:
+    """The shot with some of its feathers, finer than the bake simulated any of them; 1: as fine."""
     options = [found.options[f] for f in some]
     lengths = [shot.groom.feathers[f].kind.length for f in some]
     rows = finer * (max(each.rows for each in options) - 1) + 1
@@ -171,7 +259,8 @@ def _finer(shot: Shot, found: FineRun, finer: int, some: np.ndarray) -> Shot:
     grid = rows, columns, finer * max(each.coefficients for each in options)
     tolerance = min(each.tolerance / size for each, size in zip(options, lengths, strict=True))
     length = min(lengths) if shot.contact is not None else max(lengths)
-    quality = fixed_quality(grid, tolerance / _TIGHTER, shot.quality, length)
+    tighter = 1.0 if finer == 1 else _TIGHTER
+    quality = fixed_quality(grid, tolerance / tighter, shot.quality, length)
     return replace(part_of(shot, some), quality=quality)
 
 
