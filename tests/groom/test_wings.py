@@ -207,7 +207,9 @@ def test_faults_of_landmarks_are_told(tmp_path: Path, more: str, message: str) -
 
 def test_more_feathers_than_a_bone_holds_are_refused(tmp_path: Path) -> None:
     kind = 'type = { base = "pigeon", primaries.count = 90 }'
-    with pytest.raises(InputError, match=r"90 feathers with quills of .* on a bone of 58 mm"):
+    with pytest.raises(
+        InputError, match=r"90 feathers with quills of .* on a bone of 58 mm. Give up to 4[0-9]"
+    ):
         groom_of(tmp_path, WING.replace('type = "pigeon"', kind) + "fold = 0\n")
 
 

@@ -215,10 +215,13 @@ def _check(wing: _Wing, remiges: Remiges, axes: Array) -> None:
             continue
         apart = float(np.linalg.norm(np.diff(remiges.roots[own], axis=0), axis=1).min())
         quill = kind.rachis.diameter_base * float(remiges.lengths[own].max()) / kind.length
-        if apart < _QUILL_ROOM * quill:
+        room = apart / (_QUILL_ROOM * quill)
+        if room < 1.0:
+            smaller = f", or the wing a scale up to {wing.scale * room:.2g}"
             type_place.child(f"{name}.count").fail(
                 f"{row.count} feathers with quills of {1e3 * quill:.3g} mm stand {1e3 * apart:.3g} "
-                f"mm apart on a bone of {1e3 * wing.bones.lengths[number]:.3g} mm"
+                f"mm apart on a bone of {1e3 * wing.bones.lengths[number]:.3g} mm. Give up to "
+                f"{1 + int((row.count - 1) * room)}{smaller if wing.entry['elbow'] else ''}"
             )
     middle = remiges.bone == 1
     ways = frames_at(wing.bones, remiges.angles[middle])[:, :, 0]
