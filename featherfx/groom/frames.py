@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -53,14 +52,3 @@ def along_polyline(points: Array, fraction: Array) -> Array:
     station = arc_lengths(points)
     at = np.asarray(fraction, dtype=float) * station[-1]
     return np.column_stack([np.interp(at, station, points[:, axis]) for axis in range(3)])
-
-
-def arm_fold(fold: Array | float) -> Any:
-    """Return how far the upper arm of a wing at a fold is folded: it leaves the body first, so that
-    a wing opens and shuts beside it."""
-    return np.maximum(fold, 0.0) ** 4
-
-
-def bow_fraction(fold: Array | float) -> Any:
-    """Return the fraction of its bow that a wing has at a fold; fans are closed before it bends."""
-    return np.maximum(fold, 0.0) ** 6

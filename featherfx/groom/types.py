@@ -322,7 +322,8 @@ class Joint(ByValue):
     position: (3,). side: +1 on the bird's left, -1 on its right, 0 in the middle (mirrors the
     flap). hinge: (3,) rad, rotation vector against the parent from open (fold 0) to folded (1);
     None where it does not fold. fold: at rest. bone: (3,) m, the middle of a wing's bone that turns
-    about it; None: it is no wing's.
+    about it; None: it is no wing's. offset: (3,) m, by which a wing that hangs on a shoulder
+    stands off it on the body as it is folded, in the groom's frame.
     """
 
     name: Annotated[str, "Name, unique in the groom."]
@@ -337,6 +338,7 @@ class Joint(ByValue):
     hinge: Array | None = None
     fold: float = 0.0
     bone: Array | None = None
+    offset: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,8 +347,8 @@ class Turning(ByValue):
 
     joints: names. fraction: 0 turns with the first, 1 with the second. anchor: (3,) m, in the
     groom's frame at rest; the root turns about it. bow: (6,) screw (rad, m) in the groom's frame
-    at rest, of the whole bow of a wing whose second joint is folded (groom/anatomy/sheet.py); the
-    first carries it; None: it stays flat.
+    at rest, of the whole bow of a wing whose second joint is folded (groom/anatomy/sheet.py), which
+    the feather carries along; None: it stays flat.
     """
 
     joints: tuple[str, str]

@@ -18,7 +18,7 @@ from featherfx.algebra.rotation import (
 )
 from featherfx.algebra.types import Array
 from featherfx.groom.anatomy.remiges import spread_evenly
-from featherfx.groom.frames import along_polyline, bow_fraction
+from featherfx.groom.frames import along_polyline
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.read.drafts import Draft
@@ -151,7 +151,7 @@ def _tail_row(
     base, pairs = np.array(entry["position"]), entry["count"] // 2
     closed, opened = (0.5 * np.radians(angle) for angle in entry["angles"])
     half, arch = 0.5 * entry["root_width"], 0.5 * np.radians(entry["arch"])
-    bent = float(bow_fraction(1.0 - entry["fan"]))
+    bent = 1.0 - entry["fan"]
     lengths = row.length * spread_evenly(entry["lengths"], pairs)
     up = -1.0 if row.below else 1.0
     # coverts reach where a straight shaft would
@@ -179,6 +179,8 @@ def _tail_row(
                 bow = from_rotation_vector(-sign * fraction * arch * frame[:, 0])
                 above = bow @ ((half / arch - depth) * frame[:, 2])
                 shift = base - half / arch * frame[:, 2] + above - bow @ anchor
+                away, bow = anchor - opens @ anchor, opens @ bow @ opens.T
+                shift = opens @ shift + away - bow @ away
                 screw = screws_of(bow[None], shift[None])
                 turning = replace(turning, bow=screw[0])
                 bow, shift = (each[0] for each in motions(bent * screw))

@@ -65,4 +65,5 @@ def _mirrored(joint: Joint, mirror: Mirror) -> Joint:
         side=-joint.side,
         hinge=hinge,
         bone=None if joint.bone is None else mirror.points(joint.bone),
+        offset=None if joint.offset is None else mirror.directions(joint.offset),
     )

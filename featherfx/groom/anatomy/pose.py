@@ -12,7 +12,6 @@ import numpy as np
 
 from featherfx.algebra.rotation import frames_from, from_rotation_vector, rotation_vectors
 from featherfx.algebra.types import Array
-from featherfx.groom.frames import arm_fold
 from featherfx.groom.keys.anatomy import WingType
 
 
@@ -22,7 +21,7 @@ class WingBones:
 
     points: (4, 3) m, shoulder, elbow, wrist and tip. frames: (3, 3, 3) of the bones. hinges:
     (3, 3) rad, rotation vectors in the groom's frame that turn each bone against the one before it
-    from spread to folded. fold: (3,) of the wing, as each has it; the upper arm turns by arm_fold.
+    from spread to folded. fold: (3,) of the wing, as each has it.
     """
 
     points: Array
@@ -45,14 +44,6 @@ class WingBones:
         """deg, of the hand against the forearm."""
         x, y = self.frames[1].T[:2] @ self.frames[2][:, 0]
         return float(np.degrees(np.arctan2(self.turn * y, x)))
-
-    def from_forearm(self, other: WingBones, screws: Array) -> Array:
-        """(N, 6) screws of the forearm of another pose of this wing, in this one."""
-        turn = self.frames[1] @ other.frames[1].T
-        origin = self.points[1] - turn @ other.points[1]
-        turning = screws[:, :3] @ turn.T
-        velocity = screws[:, 3:] @ turn.T + np.cross(origin, turning)
-        return np.concatenate([turning, velocity], axis=1)
 
 
 def about_dorsal(degrees: float) -> Array:
@@ -94,7 +85,7 @@ def folded(
     turn = 1.0 if left else -1.0
     spread, closed = upper_arms(kind, axes, left)
     swing = rotation_vectors(closed @ spread.T)
-    frames = [from_rotation_vector(arm_fold(fold) * swing) @ spread]
+    frames = [from_rotation_vector(fold * swing) @ spread]
     hinges = [swing]
     for first, last in _turns(kind):
         frames.append(frames[-1] @ about_dorsal(turn * (first + fold * (last - first))))

@@ -19,7 +19,7 @@ import numpy as np
 
 from featherfx.algebra.rotation import from_rotation_vector, motions, screws_of
 from featherfx.algebra.types import Array, Indices
-from featherfx.algebra.vectors import unit
+from featherfx.algebra.vectors import applied, unit
 from featherfx.errors import InputWarning, all_of, count_feathers
 from featherfx.groom.anatomy.bands import MAX_SLANT, FoldedRow, marks_of
 from featherfx.groom.anatomy.pose import WingBones, as_placed, folded
@@ -35,7 +35,6 @@ from featherfx.groom.anatomy.remiges import (
     spread_evenly,
 )
 from featherfx.groom.anatomy.sheet import Sheet
-from featherfx.groom.frames import bow_fraction
 from featherfx.groom.keys.anatomy import CovertRow, FlightRow, WingBand, WingType
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.looks import Pattern
@@ -361,14 +360,16 @@ def _feathers(wing: _Wing, remiges: Remiges, row: _Row) -> Iterator[Draft]:
     bows: Sequence[Array | None] = [None] * len(row.own)
     wraps = np.zeros((len(row.own), 2))
     if closed is not None:
-        plane = _in_plane(closed.wing, closed.remiges, row)
+        flat, plane = _in_plane(closed.wing, closed.remiges, row)
         points, frames, within = _on_sheet(closed, row)
-        screws = screws_between(plane, (points, frames))
-        screws = wing.bones.from_forearm(closed.wing.bones, screws)
+        carrier = rotations @ plane.swapaxes(1, 2)
+        away = points - flat - closed.sheet.shift
+        bent = positions + applied(carrier, away), carrier @ frames
+        screws = screws_between((positions, rotations), bent)
         bows = list(screws)
-        fraction = float(bow_fraction(wing.bones.fold[2]))
+        fraction = max(float(wing.bones.fold[2]), 0.0)
         turns, shifts = motions(fraction * screws)
-        positions = np.einsum("nij,nj->ni", turns, positions) + shifts
+        positions = applied(turns, positions) + shifts + fraction * closed.sheet.shift
         rotations = turns @ rotations
         inside = _inside(kind, row.width * row.lengths, within)
         wraps = fraction * closed.sheet.bend * row.lengths[:, None] * inside
@@ -454,6 +455,7 @@ def _joints(wing: _Wing) -> list[Joint]:
             hinge=wing.bones.hinges[number],
             fold=float(wing.bones.fold[number]),
             bone=wing.bones.points[number : number + 2].mean(axis=0),
+            offset=None if number or wing.closed is None else wing.closed.sheet.shift,
         )
         for number, role in enumerate(_BONES)
     ]

@@ -12,10 +12,9 @@ from featherfx.algebra.rotation import (
     shared_turns,
     vectors_to_frames,
 )
-from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import applied
 from featherfx.errors import InputError
-from featherfx.groom.frames import arm_fold
 from featherfx.groom.types import Groom
 from featherfx.shot.roots import RootFrames
 from featherfx.shot.types import Motion, Shot
@@ -56,7 +55,7 @@ class Skeleton:
 
     names: of the joints. pivots: (J, 3) m, at rest in the groom's frame. levels: per depth below
     the groom, (joints, parents), index arrays of equal length. hinges: (J, 3) rad, turns of a
-    whole fold, 0 where there is none. folds: (J,) at rest. are_arms: (J,) which are upper arms.
+    whole fold, 0 where there is none. folds: (J,) at rest.
     """
 
     names: tuple[str, ...]
@@ -64,7 +63,6 @@ class Skeleton:
     levels: tuple[tuple[Indices, Indices], ...]
     hinges: Array
     folds: Array
-    are_arms: Flags
 
     def below(self, joint: int) -> list[int]:
         """Return a joint and all that hang on it."""
@@ -77,8 +75,7 @@ class Skeleton:
         """(J, 3, 3) rotations of joints against their parents, with those about their hinges."""
         if not (poses.bends.any() or poses.folds.any()):
             return poses.rotations
-        turned = arm_fold(self.folds + poses.folds) - arm_fold(self.folds)
-        bent = poses.bends + np.where(self.are_arms, turned, poses.folds)
+        bent = poses.bends + poses.folds
         return poses.rotations @ vectors_to_frames(bent[:, None] * self.hinges)
 
     def carriers(self, poses: JointPoses) -> tuple[Array, Array]:
@@ -117,8 +114,7 @@ def skeleton_of(groom: Groom) -> Skeleton:
     hinges = [np.zeros(3) if j.hinge is None else np.asarray(j.hinge) for j in groom.joints]
     below = tuple((joints, parents[joints]) for joints in levels)
     folds = np.array([0.0, *(j.fold for j in groom.joints)])
-    are_arms = np.array([False, *(j.role == "shoulder" for j in groom.joints)])
-    return Skeleton(names, pivots, below, np.vstack([np.zeros(3), *hinges]), folds, are_arms)
+    return Skeleton(names, pivots, below, np.vstack([np.zeros(3), *hinges]), folds)
 
 
 @dataclass(frozen=True)
@@ -161,7 +157,7 @@ class JointRoots:
         found = RootFrames(positions, turns @ self.at_rest.rotations)
         if self.bows is not None:
             turned = self.skeleton.turned(poses)
-            found = self.bows.bent(found, turned, rotations, shifts, self.are_beaten)
+            found = self.bows.bent(found, self.at_rest, turned, rotations, self.are_beaten)
         if self.arms is not None and self.are_beaten:
             found = self.arms.less_beaten(found, poses.rotations, rotations, shifts)
         return found

@@ -10,7 +10,6 @@ import numpy as np
 from featherfx.algebra.rotation import motions, rotation_vectors, vectors_to_frames
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import applied, dots, unit
-from featherfx.groom.frames import arm_fold, bow_fraction
 from featherfx.groom.types import Groom
 from featherfx.shot.roots import RootFrames
 
@@ -23,78 +22,86 @@ _BORNE = 0.38  # of the upper arm, from the shoulder, whose feathers the body be
 class Bows:
     """Bows of B of the feathers, which bend with their wings.
 
-    Those of a wing need its upper arm folded, too: a wing that beats folds its hand away from the
-    body. members: (B,). joints: (B,) whose fold counts, arms: (B,) upper arms, of other feathers 0.
-    carriers: (B,) that carry the bow. screws: (B, 6) of the whole bow at rest. hinges: (J, 3) rad,
+    Each feather carries its own, so that what bends it stays the same in all poses; by how far a
+    folded wing stands off its shoulder belongs to the body. Those of a wing need its upper arm
+    folded, too: a wing that beats folds its hand away from the body.
+
+    members: (B,). joints: (B,) whose fold counts, arms: (B,) upper arms, of other feathers 0.
+    screws: (B, 6) of the whole bow at rest. offsets: (B, 3) m, of the wing's. hinges: (J, 3) rad,
     of all joints, by which a turn since rest is more fold. folds: (J,) at rest.
     """
 
     members: Indices
     joints: Indices
     arms: Indices
-    carriers: Indices
     screws: Array
+    offsets: Array
     hinges: Array
     folds: Array
 
     def straightened(self, at_rest: RootFrames) -> RootFrames:
         """The roots at rest without the bow."""
-        fraction = -bow_fraction(self.folds)[self.joints, None]
-        still = np.tile(np.eye(3), (len(self.folds), 1, 1)), np.zeros((len(self.folds), 3))
-        return self._bent(at_rest, fraction, *still)
+        fraction = np.maximum(self.folds, 0.0)[self.joints, None]
+        positions = at_rest.positions.copy()
+        positions[self.members] -= fraction * self.offsets
+        off = RootFrames(positions, at_rest.rotations)
+        return self._bent(off, off, -fraction)
 
     def bent(
-        self, roots: RootFrames, turned: Array, rotations: Array, shifts: Array, is_beaten: bool
+        self, roots: RootFrames, at_rest: RootFrames, turned: Array, rotations: Array, beaten: bool
     ) -> RootFrames:
         """Roots of flat wings, bent as those of joints that are turned, (J, 3, 3), against their
-        parents. rotations, shifts: of carriers. is_beaten: whether upper arms count."""
+        parents. at_rest: roots of flat wings. rotations: (J, 3, 3) of carriers. beaten: whether
+        upper arms count."""
         whole = np.maximum(np.linalg.norm(self.hinges, axis=1), 1e-12)
         folds = self.folds + dots(rotation_vectors(turned), self.hinges) / whole**2
-        fraction = bow_fraction(folds)[self.joints]
-        if is_beaten:
-            at_rest, rest = arm_fold(self.folds), bow_fraction(self.folds)[self.joints]
-            open_ = vectors_to_frames((at_rest - 1.0)[:, None] * self.hinges) @ turned
-            away = np.linalg.norm(rotation_vectors(open_), axis=1) / whole
-            at_rest, arm = (np.maximum(each, 0.0)[self.arms] ** 1.5 for each in (at_rest, 1 - away))
-            most = arm + np.maximum(rest - at_rest, 0.0)
+        rest, fraction = (np.maximum(each, 0.0)[self.joints] for each in (self.folds, folds))
+        more = (fraction - rest)[:, None] * self.hinges[self.arms]
+        if beaten:
+            open_ = vectors_to_frames((self.folds - 1.0)[:, None] * self.hinges) @ turned
+            arm = 1.0 - np.linalg.norm(rotation_vectors(open_), axis=1) / whole
+            shut, arm = (np.maximum(each, 0.0)[self.arms] for each in (self.folds, arm))
+            most = arm + np.maximum(rest - shut, 0.0)
             fraction = np.where(self.arms > 0, np.minimum(fraction, most), fraction)
-        return self._bent(roots, fraction[:, None], rotations, shifts)
+        found = self._bent(roots, at_rest, fraction[:, None])
+        body = rotations[self.arms] @ vectors_to_frames(-more)
+        found.positions[self.members] += applied(body, fraction[:, None] * self.offsets)
+        return found
 
-    def _bent(
-        self, roots: RootFrames, fraction: Array, rotations: Array, shifts: Array
-    ) -> RootFrames:
+    def _bent(self, roots: RootFrames, at_rest: RootFrames, fraction: Array) -> RootFrames:
         turns, ways = motions(fraction * self.screws)
-        carrier, origin = rotations[self.carriers], shifts[self.carriers]
-        turns = carrier @ turns @ carrier.swapaxes(1, 2)
+        own, still = at_rest.positions[self.members], at_rest.rotations[self.members]
         positions, frames = roots.positions.copy(), roots.rotations.copy()
-        away = positions[self.members] - origin
-        positions[self.members] = origin + applied(turns, away) + applied(carrier, ways)
-        frames[self.members] = turns @ frames[self.members]
+        carrier = frames[self.members] @ still.swapaxes(1, 2)
+        positions[self.members] += applied(carrier, applied(turns, own) + ways - own)
+        frames[self.members] = carrier @ turns @ still
         return RootFrames(positions, frames)
 
 
 def find_bows(groom: Groom, index: dict[str, int]) -> Bows | None:
     """Find the bows of a groom's feathers. index: number of each joint."""
     hinges, folds = np.zeros((len(index), 3)), np.zeros(len(index))
-    arms = np.zeros(len(index), dtype=np.int64)
+    arms, offsets = np.zeros(len(index), dtype=np.int64), np.zeros((len(index), 3))
     for number, joint in enumerate(groom.joints, 1):
         folds[number] = joint.fold
         if joint.hinge is not None:
             hinges[number] = joint.hinge
+        if joint.offset is not None:
+            offsets[number] = joint.offset
         if joint.role == "shoulder" and hinges[number].any():
             arms[number] = number
         elif joint.role in ("elbow", "wrist"):
             arms[number] = arms[index[joint.parent]]
     found = [
-        (number, last, arms[last], index[turning.joints[0]], turning.bow)
+        (number, last, arms[last], turning.bow)
         for number, feather in enumerate(groom.feathers)
         if (turning := feather.turning) is not None and turning.bow is not None
         for last in [index[turning.joints[1]]]
     ]
     if not found:
         return None
-    members, joints, of, carriers, screws = map(np.array, zip(*found, strict=True))
-    return Bows(members, joints, of, carriers, screws, hinges, folds)
+    members, joints, of, screws = map(np.array, zip(*found, strict=True))
+    return Bows(members, joints, of, screws, offsets[of], hinges, folds)
 
 
 @dataclass(frozen=True)
