@@ -40,7 +40,8 @@ def explain_options(
     path: str | Path, preset_folders: Folders = (), feather: str | None = None
 ) -> tuple[Explained, JointRates]:
     """Return how the feathers of a shot are simulated: by id, by option, `value` and `from`; and
-    the largest speed (m/s), turn (rad/s) and acceleration (m/s2) of its joints, none on a skin.
+    the largest speed (m/s), turn (rad/s) and acceleration (m/s2) of its joints, none where a skin
+    alone moves it.
 
     feather: id of one of them; default: all. Raises InputError for what is wrong with the shot, and
     where it has no such feather.
@@ -50,7 +51,8 @@ def explain_options(
     if shot.has_moving_roots:
         CutStage(run)  # options follow the roots as a bake moves them
     found = explained_options(shot, run.options)
-    rates = {} if shot.skin is not None else find_tracks(shot).largest_rates()
+    moves = shot.skin is None or shot.motion.of_limbs
+    rates = find_tracks(shot).largest_rates() if moves else {}
     if feather is None:
         return found, rates
     if feather not in found:

@@ -54,6 +54,15 @@ def test_an_act_carries_skin_and_roots_as_one(shot, tmp_path, kind, up, unit):
         np.testing.assert_allclose(body.points(code), stood @ moved.T + way, atol=1e-6)
 
 
+def test_the_explanation_tells_how_fast_an_act_moves_a_body(shot, tmp_path):
+    write_body(tmp_path / "body.usda", "still")
+    _, rates = pipeline.explain_options(shot)
+    speed = np.linalg.norm(WAY) / 0.25  # on the average
+    assert speed < rates[""]["speed"] < 3.0 * speed
+    shot.write_text(re.sub(r"\[motion\].*", "", SHOT, flags=re.DOTALL))
+    assert pipeline.explain_options(shot)[1] == {}
+
+
 def test_a_layer_replaces_no_file_unasked_and_no_skin(shot, tmp_path):
     write_body(tmp_path / "body.usda", "still")
     layer = tmp_path / "out.body.usda"
