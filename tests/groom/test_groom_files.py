@@ -105,7 +105,7 @@ def test_row_turns_at_an_equal_rate_and_spreads_its_roots(tmp_path: Path) -> Non
         [each.kind.length for each in feathers], 0.35 * np.linspace(1, 0.6, 5)
     )
     diameters = [each.kind.rachis.diameter_base for each in feathers]
-    np.testing.assert_allclose(diameters, 7e-3 * np.linspace(1, 0.6, 5))
+    np.testing.assert_allclose(diameters, 5.4e-3 * np.linspace(1, 0.6, 5))
 
 
 def test_overlap_lifts_each_root_over_the_one_before(tmp_path: Path) -> None:

@@ -286,7 +286,7 @@ VANE_FAULTS = [
     ),
     ("vane_material.thickness_profile.rachis = [[0]]", "rachis[0]: has 1 item. Give 2"),
     ("leading.hooked.barb = [[0.5, 1.2]]", "1.2 is out of range. Give 0 to 1"),
-    ("rachis.diameter_tip = 0.02", "Give up to diameter_base = 0.007 m"),
+    ("rachis.diameter_tip = 0.02", "Give up to diameter_base = 0.0054 m"),
 ]
 
 

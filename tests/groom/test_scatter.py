@@ -1,5 +1,6 @@
 """Blue noise on a skin: distances, densities, and what stays when the density changes."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,6 +8,9 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
+from featherfx.groom.keys.problems import Place, Problems
+from featherfx.groom.read.space import Space
+from featherfx.groom.regions.rules import GroomSkin, Presence, presence
 from featherfx.groom.regions.scatter import expected_count, hashed, scatter, uniform
 from featherfx.groom.skin.points import SkinSurface, crossing_triangles
 
@@ -36,7 +40,7 @@ def everywhere(points):
 
 
 def test_points_lie_on_the_skin_with_its_normals(sphere):
-    points = scatter(sphere, everywhere, 300, 5).points
+    points = scatter(Presence(sphere, (everywhere,)), 300, 5).points
     radii = np.linalg.norm(points.position, axis=1)
     assert (radii <= RADIUS).all()
     # an icosphere's faces lie inside the sphere by their sagitta
@@ -47,7 +51,7 @@ def test_points_lie_on_the_skin_with_its_normals(sphere):
 
 def test_spacing_is_that_of_blue_noise(sphere):
     count = 2000
-    points = scatter(sphere, everywhere, count, 1).points.position
+    points = scatter(Presence(sphere, (everywhere,)), count, 1).points.position
     nearest = cKDTree(points).query(points, k=2)[0][:, 1]
     # a full dart-throwing pattern has 0.7 points per squared distance; random points are at
     # 0.5 / sqrt(density) on average, and as near as chance has it
@@ -57,7 +61,7 @@ def test_spacing_is_that_of_blue_noise(sphere):
 
 
 def test_a_denser_scatter_keeps_the_points_of_a_sparser_one(sphere):
-    sparse, dense = (scatter(sphere, everywhere, count, 3) for count in (400, 1500))
+    sparse, dense = (scatter(Presence(sphere, (everywhere,)), count, 3) for count in (400, 1500))
     assert np.array_equal(dense.number[:400], sparse.number)
     assert np.array_equal(dense.points.position[:400], sparse.points.position)
 
@@ -66,11 +70,48 @@ def test_density_follows_its_map(sphere):
     def share(points):
         return 0.5 + 0.5 * points.position[:, 2] / RADIUS
 
-    found = scatter(sphere, share, 4000, 2).points.position[:, 2] / RADIUS
+    found = scatter(Presence(sphere, (share,)), 4000, 2).points.position[:, 2] / RADIUS
     # z is uniform on a sphere: below -0.5, 0 and 0.5 lie the integrals of (1 + z) / 2 over dz
     for height in (-0.5, 0.0, 0.5):
         expected = (height + 1.0) ** 2 / 4.0
         assert abs((found < height).mean() - expected) < 0.015
+
+
+def test_bounds_of_a_region_leave_its_points_as_they_are(sphere):
+    def cap(points):
+        return (points.position[:, 0] > 0.5 * RADIUS).astype(float)
+
+    def bound(surface, triangles):
+        return surface.corners[triangles, :, 0].max(axis=1) - 0.5 * RADIUS
+
+    free, bounded = (scatter(Presence(sphere, (cap,), each), 500, 3) for each in ((), (bound,)))
+    assert np.array_equal(free.number, bounded.number)
+    assert np.array_equal(free.points.position, bounded.points.position)
+
+
+@pytest.mark.parametrize("invert", [False, True])
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("sphere", {"centre": (0.11, 0.0, 0.0), "radius": 0.03}),
+        ("x", (0.08, 0.3)),
+        ("nearest", {"to": [(0.1, 0.1, 0.1)], "than": [(-0.1, 0.0, 0.0)]}),
+    ],
+)
+def test_no_triangle_is_left_out_that_a_region_reaches(name, value, invert):
+    plate = surface_of(trimesh.creation.box((0.2, 0.2, 0.02)).subdivide().subdivide())
+    rule = dict.fromkeys(("primvar", "subset", "image", "facing", "free_radius", "sphere", "x"))
+    rule |= dict.fromkeys(("box", "y", "z", "nearest")) | {"soft": 0.01, "invert": invert}
+    rule[name] = value
+    space = Space(np.eye(3), 1.0, np.zeros(3), np.array([0.0, 1.0, 0.0]), False)
+    skin = GroomSkin(plate, space, Path())
+    found = presence((rule,), skin, Place("groom.toml", "where", Problems()))
+    places = np.random.default_rng(1).dirichlet(np.ones(3), 6000)
+    points = plate.at(np.arange(6000) % len(plate.areas), places)
+    whole = Presence(plate, found.rules)(points)
+    assert 0.0 < whole.mean() < 1.0
+    assert np.array_equal(found(points), whole)
+    assert invert or found.distances.max() > 0.0
 
 
 def test_integral_of_a_density(sphere):
@@ -82,13 +123,15 @@ def test_integral_of_a_density(sphere):
 
 
 def test_no_room_gives_what_there_is(sphere):
-    assert len(scatter(sphere, lambda points: np.zeros(len(points)), 50, 1).number) == 0
-    assert len(scatter(sphere, everywhere, 0, 1).number) == 0
+    assert (
+        len(scatter(Presence(sphere, (lambda points: np.zeros(len(points)),)), 50, 1).number) == 0
+    )
+    assert len(scatter(Presence(sphere, (everywhere,)), 0, 1).number) == 0
 
 
 def test_both_sides_of_a_thin_plate_are_covered():
     plate = surface_of(trimesh.creation.box((0.2, 0.2, 0.001)))
-    points = scatter(plate, everywhere, 800, 4).points
+    points = scatter(Presence(plate, (everywhere,)), 800, 4).points
     assert abs((points.normal[:, 2] > 0.5).mean() - 0.5) < 0.05
 
 

@@ -84,6 +84,12 @@ def test_shear_of_the_membrane_is_that_of_the_bands():
     assert 0.8 < found.moduli.shear / found.series < 1.1
 
 
+def test_long_triangles_of_three_nodes_are_too_stiff():
+    sample, strain = tilted_sample(45.0, 9e-3), np.array([0.02])
+    slopes = [pull_bands(sample, BANDS, strain, each).slope for each in (0.0, 2e-4, 4e-4)]
+    assert slopes[2] > 1.1 * slopes[1] > 1.2 * slopes[0]
+
+
 def test_shear_band_lies_between_the_corners_barbs():
     widths = []
     for aspect in (1.4, 2.0):

@@ -227,6 +227,20 @@ def test_bad_spaces_and_landmarks_are_named(folder, tables, said):
     assert said in problems(folder, *tables)
 
 
+def test_regions_of_a_wrong_space_are_not_grown(folder):
+    space = "[space]\nof = 'skin'\n"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert (
+            len(problems(folder, space, GROWN + "where = [{ y = [110, 160] }]\n").splitlines()) == 1
+        )
+
+
+def test_a_region_without_a_place_in_the_world_is_told_of_the_axes_of_the_skin(folder):
+    with pytest.warns(UserWarning, match="hardly any place .* of = 'skin' writes"):
+        grown(folder, region(), GROWN + "where = [{ y = [110, 160] }]\n")
+
+
 def test_a_space_or_a_landmark_without_a_skin_is_named(tmp_path):
     bare = "name = 'x'\n"
     space = problems(tmp_path, "[space]\nof = 'skin'\nleft = 'x'\n", skin=bare)

@@ -22,7 +22,7 @@ from featherfx.groom.materials import (
 )
 from featherfx.groom.presets.flat_vane import barbs_cross, crossing_segments
 from featherfx.groom.presets.library import Sourced, Tree, plain
-from featherfx.groom.presets.scaling import dialled, materials_resized, varied
+from featherfx.groom.presets.scaling import change_materials
 from featherfx.groom.types import (
     BARB_ANGLE,
     BarbGuide,
@@ -148,7 +148,7 @@ def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind:
     if kind.vane_material.ribbon:
         _check_ribbon(kind, tree, place)
     problems.hand_on()
-    return dialled(kind, values["stiffness"], values["weight"])
+    return replace(kind, **change_materials(kind, 1.0, values["stiffness"], values["weight"]))
 
 
 def _check_band(material: RachisMaterial | VaneMaterial, place: Place) -> None:
@@ -324,15 +324,15 @@ def adjusted(kind: FeatherKind, change: Change) -> FeatherKind:
         twist=kind.rachis.twist + 0.25 * kind.rachis.sweep * sum(change.wrap),
         course=kind.rachis.course if change.course is None else change.course,
     )
-    shaped = replace(
+    drawn = change.across, change.along, change.thickness
+    return replace(
         kind,
         length=kind.length * scale,
         rachis=rachis,
-        vane_material=varied(kind.vane_material, change.across, change.along, change.thickness),
         leading=_reshaped(kind.leading, change, 0),
         trailing=_reshaped(kind.trailing, change, 1),
+        **change_materials(kind, scale, change.stiffness, change.weight, drawn),
     )
-    return dialled(materials_resized(shaped, scale), change.stiffness, change.weight)
 
 
 def _reshaped(vane: VaneShape, change: Change, side: int) -> VaneShape:

@@ -33,90 +33,62 @@ stiffness over weight, the droop as weight over stiffness.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from featherfx.groom.materials import RachisMaterial, VaneMaterial
 from featherfx.groom.types import FeatherKind
 
 Material = TypeVar("Material", VaneMaterial, RachisMaterial)
 
-
-def materials_resized(kind: FeatherKind, size: float) -> FeatherKind:
-    """The kind with the materials that it has `size` times as large; its shape is left alone."""
-    if size == 1.0 or kind.scaling == "fixed_vane":
-        return kind
-    moduli = size if kind.scaling == "behaviour" else 1.0
-    wider = size**kind.barb_spacing_exponent
-    vane = _times(_thicker(_stiffer(kind.vane_material, moduli), size), wider, "hook_slip")
-    return replace(
-        kind,
-        barb_spacing=kind.barb_spacing * wider,
-        vane_material=vane,
-        rachis_material=_times(kind.rachis_material, moduli, *_MODULI),
-    )
+_BENDING_ALONG = "barb_bending_normal", "barb_bending_in_plane"
+# powers of m and s with which figures of a vane grow, but for hook_slip
+_POWERS = {
+    **dict.fromkeys(("modulus_along_barbs", "modulus_across_barbs", "shear_modulus"), (1, 0)),
+    **dict.fromkeys(("compression_guard", "hook_strength"), (1, 0)),
+    **dict.fromkeys(("hook_yield_across", "hook_yield_shear"), (1, 0)),
+    **dict.fromkeys((*_BENDING_ALONG, "bending_across"), (1, 3)),
+    **dict.fromkeys(("barb_clamp_normal", "barb_clamp_in_plane"), (-1, -2)),
+    **dict.fromkeys(("thickness", "hook_release", "surface_density"), (0, 1)),
+}
 
 
-def dialled(kind: FeatherKind, stiffness: float, weight: float) -> FeatherKind:
-    """The kind with all its stiffnesses and all its masses multiplied."""
-    if (stiffness, weight) == (1.0, 1.0):
-        return kind
-    vane = _times(kind.vane_material, weight, "surface_density")
-    shaft = _times(kind.rachis_material, weight, "cortex_density", "core_density")
-    return replace(
-        kind,
-        vane_material=_stiffer(vane, stiffness),
-        rachis_material=_times(shaft, stiffness, *_MODULI),
-    )
+def change_materials(
+    kind: FeatherKind,
+    size: float,
+    stiffness: float,
+    weight: float,
+    drawn: tuple[float, float, float] = (1.0, 1.0, 1.0),
+) -> dict[str, Any]:
+    """Return the fields of a kind that is `size` times as large, with its stiffnesses and masses
+    multiplied, which its materials change.
+
+    drawn: factors of the vane's moduli across the barbs, along them, and of its thickness, of the
+    same barbs and weight.
+    """
+    moduli = stiffness * (size if kind.scaling == "behaviour" else 1.0)
+    grown = 1.0 if kind.scaling == "fixed_vane" else size
+    wider = grown**kind.barb_spacing_exponent
+    vane = {name: moduli**m * grown**s for name, (m, s) in _POWERS.items()}
+    vane["hook_slip"] = wider
+    vane["surface_density"] *= weight
+    across, along, thickness = drawn
+    for name in ("modulus_across_barbs", "shear_modulus", "bending_across"):
+        vane[name] *= across
+    for name in ("modulus_along_barbs", *_BENDING_ALONG):
+        vane[name] *= along
+    vane["thickness"] *= thickness
+    shaft = {"youngs_modulus": moduli, "shear_modulus": moduli}
+    shaft |= {"cortex_density": weight, "core_density": weight}
+    return {
+        "barb_spacing": kind.barb_spacing * wider,
+        "vane_material": _times(kind.vane_material, vane),
+        "rachis_material": _times(kind.rachis_material, shaft),
+    }
 
 
-def varied(vane: VaneMaterial, across: float, along: float, thickness: float) -> VaneMaterial:
-    """A vane with other moduli across the barbs and along them, and another thickness, of the same
-    barbs and weight. Factors."""
-    if (across, along, thickness) == (1.0, 1.0, 1.0):
-        return vane
-    vane = _times(vane, across, "modulus_across_barbs", "shear_modulus", "bending_across")
-    vane = _times(
-        vane, along, "modulus_along_barbs", "barb_bending_normal", "barb_bending_in_plane"
-    )
-    return _times(vane, thickness, "thickness")
-
-
-# of the shaft
-_MODULI = "youngs_modulus", "shear_modulus"
-# of a vane: what grows with the moduli; bending; compliance of the barbs' roots
-_BENDING = "barb_bending_normal", "barb_bending_in_plane", "bending_across"
-_COMPLIANCE = "barb_clamp_normal", "barb_clamp_in_plane"
-_STIFF = (
-    *(
-        "modulus_along_barbs",
-        "modulus_across_barbs",
-        "shear_modulus",
-        "compression_guard",
-        *_BENDING,
-    ),
-    *("hook_yield_across", "hook_yield_shear", "hook_strength"),
-)
-
-
-def _times(part: Material, factor: float, *names: str) -> Material:
+def _times(part: Material, factors: Mapping[str, float]) -> Material:
     """A material with some of its figures multiplied."""
-    if factor == 1.0:
-        return part
-    return replace(part, **{name: getattr(part, name) * factor for name in names})
-
-
-def _stiffer(vane: VaneMaterial, factor: float) -> VaneMaterial:
-    return _less_compliant(_times(vane, factor, *_STIFF), factor)
-
-
-def _less_compliant(vane: VaneMaterial, factor: float) -> VaneMaterial:
-    if factor == 1.0:
-        return vane
-    return replace(vane, **{name: getattr(vane, name) / factor for name in _COMPLIANCE})
-
-
-def _thicker(vane: VaneMaterial, size: float) -> VaneMaterial:
-    """`size` times as thick, with barbs `size` times as long and as thick."""
-    vane = _times(vane, size, "thickness", "hook_release", "surface_density")
-    return _less_compliant(_times(vane, size**3, *_BENDING), size**2)
+    changed = {name: getattr(part, name) * f for name, f in factors.items() if f != 1.0}
+    return replace(part, **changed) if changed else part

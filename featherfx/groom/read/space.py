@@ -85,7 +85,7 @@ def in_groom(parts: dict[str, Any], place: Place, read: SkinsReader | None) -> S
     space = None
     with place.problems.collecting():
         space = _space(parts["space"], skins, place.child("space"))
-    # of a skin that cannot be read one problem is enough
+    # of a space or a skin that cannot be read one problem is enough
     placing = _Placing(space or _GROOM_SPACE, skins if space else None)
     for name, key in GROOM_FILE.keys.items():
         parts[name] = placing.value(key.type, parts[name], place.child(name))
@@ -148,8 +148,8 @@ def _axis(name: str) -> Array:
 
 @dataclass(frozen=True)
 class _Placing:
-    """Turns checked values of a space into those of the groom's frame. skins: None where landmarks
-    cannot be found."""
+    """Turns checked values of a space into those of the groom's frame. skins: None where points
+    cannot be placed."""
 
     space: Space
     skins: _Skins | None
@@ -159,6 +159,8 @@ class _Placing:
         if value is None or value is INVALID or isinstance(kind, Preset):
             return value
         match kind:
+            case Point() | Direction() | Length() if self.skins is None:
+                return INVALID
             case Point():
                 return self._point(value, place)
             case Sphere():
@@ -194,8 +196,7 @@ class _Placing:
     def _point(self, value: Any, place: Place) -> Any:
         if not isinstance(value, dict):
             return tuple(self.space.points(np.array(value)).tolist()) if self.space.given else value
-        if self.skins is None:
-            return INVALID
+        assert self.skins is not None
         with place.problems.collecting():
             name = the_one(_NAMES, value, place)
             found = _landmark(self.skins.find(value["prim"], place), name, value[name], place)

@@ -314,7 +314,7 @@ def _grown(
         warn_input(
             f"{region.place.source}: {region.place.key}: '{entry['id']}' has hardly any place on "
             f"the skin, which reaches {_reach(region)} as this groom's points are written: "
-            f"{len(points)} of {count} feathers"
+            f"{len(points)} of {count} feathers{'' if region.space.given else _OWN_SPACE}"
         )
     found = _above_ground(region, found)
     points = found.points
@@ -384,9 +384,9 @@ def _scattered(region: _Region, count: int) -> Scattered:
 
     def compute() -> dict[str, Any]:
         if density is None:
-            found = scatter(surface, region.presence, count, seed)
+            found = scatter(region.presence, count, seed)
         else:
-            found = scatter_by_density(surface, region.presence, density, seed)
+            found = scatter_by_density(region.presence, density, seed)
         places = {name: getattr(found.points, name) for name in _PLACES}
         return {"number": found.number, **places}
 
@@ -454,6 +454,9 @@ def _above_ground(region: _Region, found: Scattered) -> Scattered:
         3,
     )
     return Scattered(found.points.some(~buried), found.number[~buried])
+
+
+_OWN_SPACE = ". A [space] with of = 'skin' writes them in the axes of the skin itself"
 
 
 def _reach(region: _Region) -> str:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ import numpy as np
 
 from featherfx.algebra.interpolation import faded
 from featherfx.algebra.surface_elements import factorise, make_elements, make_stiffness, weld
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import unit
 from featherfx.errors import all_of, warn_input
 from featherfx.files.disk_cache import kept
@@ -111,25 +111,49 @@ def _interpolate(picture: Array, st: Array, wrap: str) -> Array:
 
 
 Rule = Callable[[SurfacePoints], Array]
+# (N,) upper bounds of a rule on triangles (N,) of a skin
+Bound = Callable[[SkinSurface, Indices], Array]
 
 
 @dataclass(frozen=True)
 class Presence:
-    """Presence of a region at points, within 0 and 1: the product of rules.
+    """Presence of a region at points of a skin, within 0 and 1: the product of rules.
 
-    inputs: all that these depend on, besides the points and their surface.
+    bounds: of the rules. inputs: all that these depend on, besides points and surface.
     """
 
+    surface: SkinSurface
     rules: tuple[Rule, ...]
-    inputs: tuple[Any, ...]
+    bounds: tuple[Bound, ...] = ()
+    inputs: tuple[Any, ...] = ()
 
     def __call__(self, points: SurfacePoints) -> Array:
-        result, left = np.ones(len(points)), np.arange(len(points))
+        result, left = np.zeros(len(points)), np.flatnonzero(self._reached[points.triangle])
+        result[left] = 1.0
         for rule in self.rules:
             result[left] *= rule(points if len(left) == len(points) else points.some(left))
             # what one rule leaves out no other brings back
             left = left[result[left] > 0.0]
         return result
+
+    @cached_property
+    def _reached(self) -> Flags:
+        """(T,) triangles on which it may be above 0."""
+        left = np.arange(len(self.surface.areas))
+        for bound in self.bounds:
+            left = left[bound(self.surface, left) > 0.0]
+        found: Flags = np.zeros(len(self.surface.areas), dtype=np.bool_)
+        found[left] = True
+        return found
+
+    @cached_property
+    def distances(self) -> Array:
+        """(T,) m, from triangles to where it may be above 0, at least; 0 there, inf without."""
+        (middles, radii), own = self.surface.spheres, self._reached
+        if own.all() or not own.any():
+            return np.where(own, 0.0, np.inf)
+        found, _ = search_tree(middles[own]).query(middles)
+        return np.where(own, 0.0, np.maximum(found - radii - radii[own].max(), 0.0))
 
 
 @dataclass(frozen=True)
@@ -151,24 +175,45 @@ _MAX_NAMED = 5  # tiles that a warning names
 _GUIDES = 8  # guide points that a direction is interpolated from
 # a direction whose part along the skin is a smaller share of it says nothing
 _MIN_ALONG = 1e-3
+# of a triangle's radius, by which a depth may change on it: axes of a space are sheared a little
+_REACH_RATIO = 1.001
 _HOLD = 1e-9  # relative hold of a potential at 0: parts of a skin without poles have none
 
 
 def presence(rules: tuple[dict[str, Any], ...], skin: GroomSkin, place: Place) -> Presence:
     """The product of all rules. rules: checked tables. Raises InputError."""
     built = all_of(*(partial(_presence, each, skin, place.item(k)) for k, each in enumerate(rules)))
-    inputs = tuple(each for _, each in built)
-    return Presence(tuple(rule for rule, _ in built), (skin.space, rules, *inputs))
+    values, bounds, inputs = zip(*built, strict=True) if built else ((), (), ())
+    return Presence(skin.surface, values, bounds, (skin.space, rules, *inputs))
 
 
-def _presence(rule: dict[str, Any], skin: GroomSkin, place: Place) -> tuple[Rule, Any]:
-    """A rule, and the values of the skin that it was made of."""
-    name, inputs = the_one(_PLACES, rule, place), None
+def _presence(rule: dict[str, Any], skin: GroomSkin, place: Place) -> tuple[Rule, Bound, Any]:
+    """A rule, its bound, and the values of the skin that it was made of."""
+    name, soft, inverted = the_one(_PLACES, rule, place), rule["soft"], rule["invert"]
+    value, inputs, depth = rule[name], None, None
     if name in ("primvar", "subset", "image"):
-        plain, inputs = painted(name, rule[name], skin.surface, skin.folder, place.child(name))
+        plain, inputs = painted(name, value, skin.surface, skin.folder, place.child(name))
+    elif name == "facing":
+        plain = _facing(rule)
+    elif name == "free_radius":
+        plain = _within(lambda points: points.interpolated(points.surface.room) - value, soft)
     else:
-        plain = _analytic(name, rule, skin.space, place)
-    return ((lambda points: 1.0 - plain(points)) if rule["invert"] else plain), inputs
+        depth = _depth(name, value, skin.space, place.child(name))
+        plain = _within(lambda points: depth(points.position), soft)
+
+    def bound(surface: SkinSurface, triangles: Indices) -> Array:
+        if depth is None:
+            return np.ones(len(triangles))
+        middles, radii = (each[triangles] for each in surface.spheres)
+        if inverted:
+            return 1.0 - _fade(depth(middles) - _REACH_RATIO * radii, soft)
+        return _fade(depth(middles) + _REACH_RATIO * radii, soft)
+
+    return ((lambda points: 1.0 - plain(points)) if inverted else plain), bound, inputs
+
+
+def _within(depth: Rule, soft: float) -> Rule:
+    return lambda points: _fade(depth(points), soft)
 
 
 def painted(
@@ -230,41 +275,35 @@ def _warn_of_outside(
     )
 
 
-def _analytic(name: str, rule: dict[str, Any], space: Space, place: Place) -> Rule:
-    value, soft = rule[name], rule["soft"]
-    if name == "facing":
-        toward, angle, fade = np.array(value), rule["angle"], rule["soft_angle"]
+def _facing(rule: dict[str, Any]) -> Rule:
+    toward, angle, fade = np.array(rule["facing"]), rule["angle"], rule["soft_angle"]
 
-        def facing(points: SurfacePoints) -> Array:
-            cosine = np.clip(points.normal @ toward, -1.0, 1.0)
-            return _fade(angle - np.degrees(np.arccos(cosine)), fade)
+    def facing(points: SurfacePoints) -> Array:
+        cosine = np.clip(points.normal @ toward, -1.0, 1.0)
+        return _fade(angle - np.degrees(np.arccos(cosine)), fade)
 
-        return facing
-    if name == "free_radius":
-        return lambda points: _fade(points.interpolated(points.surface.room) - value, soft)
+    return facing
+
+
+def _depth(name: str, value: Any, space: Space, at: Place) -> Callable[[Array], Array]:
+    """Return the depth within a shape, m, of points (N, 3) m: it grows by no more than the way."""
     if name == "nearest":
         own, others = search_tree(np.array(value["to"])), search_tree(np.array(value["than"]))
-
-        def nearest(points: SurfacePoints) -> Array:
-            (here, _), (there, _) = own.query(points.position), others.query(points.position)
-            return _fade(0.5 * (there - here), soft)
-
-        return nearest
+        return lambda points: 0.5 * (others.query(points)[0] - own.query(points)[0])
     if name == "sphere":
         centre, radius = np.array(value["centre"]), value["radius"]
-        return lambda points: _fade(radius - np.linalg.norm(points.position - centre, axis=1), soft)
+        return lambda points: radius - np.linalg.norm(points - centre, axis=1)
     if name == "box":
         low, high = space.local(np.array(value))
     else:
         low, high = np.full(3, -np.inf), np.full(3, np.inf)
         low["xyz".index(name)], high["xyz".index(name)] = value
     if (low >= high).any():
-        place.child(name).refuse("is empty. Give the lower bound first")
+        at.refuse("is empty. Give the lower bound first")
 
-    def box(points: SurfacePoints) -> Array:
-        local = space.local(points.position)
-        inside = np.minimum(local - low, high - local).min(axis=1)
-        return _fade(space.unit * inside, soft)
+    def box(points: Array) -> Array:
+        local = space.local(points)
+        return space.unit * np.minimum(local - low, high - local).min(axis=1)
 
     return box
 

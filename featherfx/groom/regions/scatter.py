@@ -34,6 +34,7 @@ from featherfx.algebra.vectors import dots
 from featherfx.groom.keys.groom import USD_KEYS
 from featherfx.groom.keys.problems import Place, nearest
 from featherfx.groom.read.readers import DrawnFeather, SceneReader
+from featherfx.groom.regions.rules import Presence
 from featherfx.groom.skin.field import search_tree
 from featherfx.groom.skin.points import SkinSurface, SurfacePoints
 from featherfx.provenance import LeftOut, StageRead, note_read
@@ -87,28 +88,24 @@ def expected_count(surface: SkinSurface, density: Callable[[SurfacePoints], Arra
     return float((total * surface.areas).sum())
 
 
-def scatter(
-    surface: SkinSurface, presence: Callable[[SurfacePoints], Array], count: int, seed: int
-) -> Scattered:
+def scatter(presence: Presence, count: int, seed: int) -> Scattered:
     """Up to `count` points whose density is proportional to `presence` (0 to 1).
 
-    With the same surface, presence and seed, the points of a smaller count come first among those
+    With the same presence and seed, the points of a smaller count come first among those
     of a larger one. Fewer are returned only where the presence is zero nearly everywhere.
     """
-    pool = _Pool(surface, presence, seed)
+    pool = _Pool(presence, seed)
     while pool.count_within(pool.density) < count and not pool.is_exhausted(count):
         pool.fill()
     return pool.pick(count=count)
 
 
-def scatter_by_density(
-    surface: SkinSurface, presence: Callable[[SurfacePoints], Array], density: float, seed: int
-) -> Scattered:
+def scatter_by_density(presence: Presence, density: float, seed: int) -> Scattered:
     """Points of a density per m^2, times `presence` (0 to 1), as scatter.
 
     Each appears by what is near it alone, so that an edit of the skin changes none elsewhere.
     """
-    pool = _Pool(surface, presence, seed)
+    pool, surface = _Pool(presence, seed), presence.surface
     area = expected_count(surface, presence)
     if area == 0.0:
         return pool.pick()
@@ -122,22 +119,25 @@ def scatter_by_density(
 
 
 def _candidates(
-    surface: SkinSurface, octave: int, many: float, seed: int
+    presence: Presence, octave: int, many: float, seed: int
 ) -> tuple[SurfacePoints, Indices]:
-    """Return candidates of an octave of density, in their order, and their numbers.
+    """Return candidates of an octave of density that may matter, in their order, and their numbers.
 
     many: per m^2.
     """
     from featherfx.groom.regions.scatter_kernels import cross_lines
 
-    domain = surface.domain
+    surface, domain = presence.surface, presence.surface.domain
+    # what is farther from the region crowds none within it
+    wanted = presence.distances <= np.sqrt(_SATURATED * _CANDIDATES_PER_POINT / many)
     word = int(hashed(seed, 0, np.array([octave - _FIRST_OCTAVE])).astype(np.int64)[0])
     room, found = 64 + int(4.0 * domain.area * many), -1
     while found < 0 or found > room:
         room = max(room, found)
         triangle, line = np.empty(room, np.int64), np.empty(room, np.int64)
-        weights = np.empty((room, 2))
-        found = cross_lines(domain.corners, many**-0.5, word, triangle, weights, line)
+        weights, marks = np.empty((room, 2)), np.zeros(1 << (4 * room).bit_length(), np.bool_)
+        pitch = many**-0.5
+        found = cross_lines(domain.corners, wanted, pitch, word, marks, triangle, weights, line)
     triangle, line, weights = triangle[:found], line[:found], weights[:found]
     barycentric = np.column_stack([1.0 - weights.sum(axis=1), weights])
     axis = line & 3
@@ -150,10 +150,14 @@ def _candidates(
     line, up = line[order], up[order].astype(np.int64)
     first = np.flatnonzero((np.diff(line, prepend=-1) != 0) | (np.diff(up, prepend=-1) != 0))
     rank = np.arange(found) - np.repeat(first, np.diff(first, append=found))
+    own = wanted[triangle]
+    triangle, barycentric, line, up, rank, along = (
+        each[own] for each in (triangle, barycentric, line, up, rank, along[order])
+    )
     words = hashed(seed, 1, line) + (2 * rank + up).astype(np.uint64)
     number = (hashed(0, 2, words.astype(np.int64)) >> np.uint64(64 - _NUMBER_BITS)).astype(np.int64)
     # of crossings per area, |n| along each axis, as many again are kept: |n|^2 add up to 1
-    kept = np.flatnonzero(uniform(seed, 3, number) < np.abs(along[order]))
+    kept = np.flatnonzero(uniform(seed, 3, number) < np.abs(along))
     kept = kept[np.argsort(number[kept], kind="stable")]
     return surface.at(triangle[kept], barycentric[kept]), number[kept]
 
@@ -161,10 +165,9 @@ def _candidates(
 class _Pool:
     """Candidates read so far that matter, with the density at which they appear."""
 
-    def __init__(
-        self, surface: SkinSurface, presence: Callable[[SurfacePoints], Array], seed: int
-    ) -> None:
-        self._surface, self._presence, self._seed = surface, presence, seed
+    def __init__(self, presence: Presence, seed: int) -> None:
+        self._presence, self._seed = presence, seed
+        self._surface = surface = presence.surface
         self._points = surface.at(np.zeros(0, np.int64), np.zeros((0, 3)))
         self._number, self._places = np.zeros(0, np.int64), np.zeros((0, 3), np.int64)
         self._present, self._appears = np.zeros(0), np.zeros(0)
@@ -174,7 +177,7 @@ class _Pool:
         octave = int(np.log2(_FIRST_COUNT / area))
         self._level = _LEVELS_PER_DOUBLING * octave
         many = _CANDIDATES_PER_POINT * self.density
-        self._octave = _candidates(surface, octave, many, seed)
+        self._octave = _candidates(presence, octave, many, seed)
         self._accept(*self._octave, 0.0)
 
     @property
@@ -187,7 +190,7 @@ class _Pool:
         before, octave = self.density, self._level // _LEVELS_PER_DOUBLING
         if self._level % _LEVELS_PER_DOUBLING == 0:
             many = _CANDIDATES_PER_POINT * before
-            self._octave = _candidates(self._surface, octave + 1, many, self._seed)
+            self._octave = _candidates(self._presence, octave + 1, many, self._seed)
         self._level += 1
         start, end = (density / 2.0**octave - 1.0 for density in (before, self.density))
         points, number = self._octave

@@ -25,14 +25,19 @@ def mixed(word):
 
 
 @kernel
-def cross_lines(corners, pitch, seed, triangle, weights, line):
-    """Find where lines cross triangles (T, 3, 3); returns how many crossings there are.
+def cross_lines(corners, wanted, pitch, seed, marks, triangle, weights, line):
+    """Find where lines that cross wanted triangles cross any; returns how many crossings there are.
 
-    pitch: side of a cell. Of each crossing that has room in the arrays: triangle, weights (N, 2) of
-    its second and third corner, and line: a word of which the last two bits are the axis.
+    corners: (T, 3, 3). wanted: (T,). pitch: side of a cell. marks: (M,) False, M a power of two; of
+    the lines so far, by their words. Of each crossing that has room in the arrays: triangle,
+    weights (N, 2) of its second and third corner, and line: a word of which the last two bits are
+    the axis. There may be lines besides, which cross no wanted triangle.
     """
     count, step = 0, 1.0 / pitch
-    for number in range(corners.shape[0]):
+    for number in range(2 * corners.shape[0]):
+        first_time, number = number < corners.shape[0], number % corners.shape[0]
+        if wanted[number] != first_time:
+            continue
         for axis in range(3):
             b, c = (axis + 1) % 3, (axis + 2) % 3
             x0, y0 = corners[number, 0, b] * step, corners[number, 0, c] * step
@@ -46,12 +51,16 @@ def cross_lines(corners, pitch, seed, triangle, weights, line):
             for i in range(first, last + 1):
                 for j in range(low, high + 1):
                     word = mixed(mixed(mixed(seed + axis) + i) + j)
+                    mark = word & (marks.shape[0] - 1)
+                    if not (first_time or marks[mark]):
+                        continue
                     x = i + (word & 0x3FFFFFF) / 0x4000000 - x0
                     y = j + ((word >> 26) & 0x3FFFFFF) / 0x4000000 - y0
                     second = (x * (y2 - y0) - (x2 - x0) * y) / double
                     third = ((x1 - x0) * y - x * (y1 - y0)) / double
                     if second < 0.0 or third < 0.0 or second + third > 1.0:
                         continue
+                    marks[mark] = True
                     if count < triangle.shape[0]:
                         triangle[count] = number
                         weights[count, 0], weights[count, 1] = second, third

@@ -241,6 +241,12 @@ class SkinSurface:
         return tuple(self.at(triangle, place) for place in wide)
 
     @cached_property
+    def spheres(self) -> tuple[Array, Array]:
+        """Middles (T, 3) m of the triangles, and radii (T,) m of balls around that hold them."""
+        middles = self.corners.mean(axis=1)
+        return middles, np.linalg.norm(self.corners - middles[:, None], axis=2).max(axis=1)
+
+    @cached_property
     def normals(self) -> Array:
         """(V, 3) unit, mean of the faces around by their area."""
         summed = np.zeros_like(self.source.points)

@@ -11,6 +11,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array
 from featherfx.feather.build import build_feather
+from featherfx.feather.profiles import at_places
 from featherfx.groom.types import FeatherKind, VaneShape
 from featherfx.lab.feathers.feather import feather_kind
 from featherfx.lab.studies.study import Comparisons, StudyResult, ourselves, published
@@ -60,7 +61,8 @@ _PIGEON = (
     Weighed(2, 37.3, 104.3, 2.90, 14.0, 6.88, 0.12),
     Weighed(1, 33.4, 102.4, 2.71, 12.0, 6.56, 0.10),
 )
-# increase of the first frequency where the vanes are cut off, percent: middle and half width
+_AIR = 1.225  # kg/m^3
+# increase of the first frequency in air where the vanes are cut off, percent: middle and half width
 _RISE = 60.5, 9.5
 _TRIMMED = published("Deng et al. 2022 (Journal of Bionic Engineering), abstract: 51 to 70 %")
 _FITTED = ourselves(f"{_WEIGHED}; the wall of the shaft was fitted to both birds together")
@@ -104,10 +106,12 @@ def _bare(kind: FeatherKind) -> FeatherKind:
     return replace(kind, leading=VaneShape((), ()), trailing=VaneShape((), ()))
 
 
-def _frequencies(kind: FeatherKind, columns: int, coefficients: int, count: int) -> Array:
-    """(count,) Hz, of the clamped feather."""
+def _frequencies(
+    kind: FeatherKind, columns: int, coefficients: int, count: int, air: float = 0.0
+) -> Array:
+    """(count,) Hz, of the clamped feather, in still air of a density (kg/m^3)."""
     model = make_model([build_feather(kind, _ROWS, columns)], [kind], coefficients)
-    return frequencies(model, 0, count)
+    return frequencies(model, 0, count, air)
 
 
 def masses(folder: Path) -> StudyResult:
@@ -137,10 +141,12 @@ def masses(folder: Path) -> StudyResult:
     for preset in ("swan_primary", "primary"):
         kind = feather_kind(preset)
         whole = _frequencies(kind, _COLUMNS, _COEFFICIENTS, 1)[0]
+        blown = _frequencies(kind, _COLUMNS, _COEFFICIENTS, 1, _AIR)[0]
         bare = _frequencies(_bare(kind), 1, 0, 1)[0]
-        rise = 100.0 * (bare / whole - 1.0)
+        rise = 100.0 * (bare / blown - 1.0)
         text = f"first frequency of {preset} without its vanes, more by"
-        note = f"so vanes have {moving_fraction(rise):.0%} of the mass that moves; of theirs"
+        note = f"so vanes and their air have {moving_fraction(rise):.0%} of the mass that moves;"
+        note += f" in vacuum it rises by {100.0 * (bare / whole - 1.0):.0f} %; of theirs"
         note += f" {moving_fraction(_RISE[0] - _RISE[1]):.0%} to {moving_fraction(sum(_RISE)):.0%}"
         rows.compare(text, rise, *_RISE, _TRIMMED, unit="%", absolute=True, note=note)
         rows.report(f"first frequency of {preset}, clamped", whole, unit="Hz")
@@ -158,7 +164,7 @@ def _keratin() -> Comparisons:
     stretch, bend = (each[0] for each in rachis_stiffness(one, one, material))
     macleod = "MacLeod 1980 (J. exp. Biol. 87), abstract, distal shafts of contour feathers"
     deng = "Deng et al. 2023 (Applied Physics A 129), section 1"
-    swans = "the preset serves all birds: 0.1, between these and the 0.07 to 0.54 of pigeons"
+    swan = feather_kind("swan_primary").rachis_material
     rows = Comparisons()
     for text, ours, low, high, source, note in (
         (
@@ -193,9 +199,9 @@ def _keratin() -> Comparisons:
             macleod,
             "proximal 45 to 181",
         ),
-        ("its loss factor", material.loss_factor, 0.03, 0.07, f"{deng}, of swans", swans),
+        ("its loss factor in swan_primary", swan.loss_factor, 0.03, 0.07, f"{deng}, of swans", ""),
         (
-            "the same",
+            "its loss factor",
             material.loss_factor,
             2.0 * 0.034,
             2.0 * 0.268,
@@ -241,7 +247,8 @@ def _along() -> Comparisons:
     kind = feather_kind("swan_primary")
     feather = build_feather(kind, _ROWS, _COLUMNS)
     size, material = (feather.width, feather.height), kind.rachis_material
-    bending = rachis_stiffness(*size, material)[1][:, 1]
+    modulus = at_places(material.modulus_profile, feather.station / feather.station[-1])
+    bending = modulus * rachis_stiffness(*size, material)[1][:, 1]
     solid = np.pi / 64.0 * feather.width * feather.height**3
     density = rachis_mass(*size, material)[0] / (0.25 * np.pi * feather.width * feather.height)
     specific = bending / solid / density
@@ -253,7 +260,7 @@ def _along() -> Comparisons:
         published(f"{gulls}, in words: all decreases towards the tip"),
         at_most=1.0,
     )
-    note = "the wall is one part of the radius along the whole shaft, and the keratin the same"
+    note = "the wall is one part of the radius along the whole shaft"
     text = "its stiffness over that of a solid rod's section and over its density, tip over base"
     source = published(f"{gulls}: increases by a factor of 2")
     rows.compare(text, specific[-1] / specific[0], 2.0, 0.25, source, note=note)

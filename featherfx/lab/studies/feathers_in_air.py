@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,6 @@ from featherfx.lab.feathers.feather import (
     FallTest,
     StreamTest,
     feather_kind,
-    find_feather_modes,
     measure_fall,
     measure_stream,
     stream_coefficients,
@@ -26,7 +26,8 @@ from featherfx.lab.studies.study import Comparisons, StudyResult, independent, p
 from featherfx.mechanics.air_kernels import area_vectors
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Model
-from featherfx.solver.step.modes import frequencies
+from featherfx.solver.damping import with_damping
+from featherfx.solver.step.modes import damped_modes, frequencies
 
 _FLIGHT = ("swan_primary", "primary", "secondary", "tail_feather")
 _SHAKEN = (*_FLIGHT, "swan_secondary", "owl_primary", "tertial", "rectrix", "greater_covert")
@@ -177,9 +178,12 @@ def _lost() -> Comparisons:
 
 
 def _damped(name: str) -> Comparisons:
-    """Decrements of a feather in air, whose materials all have one loss factor."""
-    kind, rows = feather_kind(name), Comparisons()
-    loss, found = kind.vane_material.loss_factor, find_feather_modes(name, 3, True)
+    """Decrements of a feather in air, the shaft's loss factor that of the vane."""
+    (kind, model), rows = _model(name), Comparisons()
+    loss = kind.vane_material.loss_factor
+    shaft = replace(kind.rachis_material, loss_factor=loss)
+    kind = replace(kind, rachis_material=shaft)
+    found = damped_modes(with_damping(model, [kind]), 0, 3, _AIR)
     source = independent("closed form: pi times the loss factor")
     for mode, decrement in enumerate(found.decrements, 1):
         note = f"at {found.frequencies[mode - 1]:.3g} Hz; of the materials alone"

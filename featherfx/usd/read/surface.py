@@ -154,6 +154,7 @@ class Surface(ScenePrim):
         self._poses: OrderedDict[float, _KnotPose] = OrderedDict()
         self._asked: OrderedDict[float, Array] = OrderedDict()
         self._lock = Lock()
+        self._moved: tuple[NDArray[Any], NDArray[Any]] | None = None
         self._maps: tuple[Any, Maps] | None = None
         self._rest_code = DEFAULT_TIME if rest is None else Usd.TimeCode(rest)
         self.rest = self._at_rest(rest is None)
@@ -268,11 +269,19 @@ class Surface(ScenePrim):
             found = self._asked.get(code)
             if found is None:
                 local, matrix = self._posed(code)
-                local = local if self.limit is None else self.limit.move(local)
-                self._asked[code] = found = transform_points(local, matrix)
+                self._asked[code] = found = transform_points(self._drawn(local), matrix)
                 if len(self._asked) > _MAX_TIMES:
                     self._asked.popitem(last=False)
             return found
+
+    def _drawn(self, local: NDArray[Any]) -> NDArray[Any]:
+        """Return (V, 3) points of the drawn surface, of points of the prim; the last are kept, for
+        a mesh that moves as a whole."""
+        if self.limit is None:
+            return local
+        if self._moved is None or not np.array_equal(self._moved[0], local):
+            self._moved = local, self.limit.move(local)
+        return self._moved[1]
 
     def _posed(self, code: float) -> tuple[NDArray[Any], Array]:
         if self.knots is None or not self.knots.leads(code):
@@ -288,8 +297,8 @@ class Surface(ScenePrim):
         stencil = self.knots.stencil(code)
         poses = [self._at_knot(time) for time in stencil.times.tolist()]
         matrix = stencil.matrix(np.stack([each.matrix for each in poses]))
-        if self._skinning is not None and all(each.points is poses[0].points for each in poses):
-            points = poses[0].points  # it skins what never moves
+        if all(each.points is poses[0].points for each in poses):
+            points = poses[0].points  # moved as a whole, or skinned
         else:
             points = stencil.points(np.stack([each.points for each in poses]))
         if self._skinning is None:
@@ -329,7 +338,7 @@ class Surface(ScenePrim):
         with self._lock:
             pose, _ = self._pose(code)
         local = self._skinning.posed(pose._replace(joints=own))
-        return transform_points(local if self.limit is None else self.limit.move(local), joints[-1])
+        return transform_points(self._drawn(local), joints[-1])
 
     def _joints(self, stencil: Stencil, poses: list[_KnotPose]) -> Maps:
         """Those at the knots about a time; the last are kept."""
