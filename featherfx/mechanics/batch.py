@@ -332,7 +332,7 @@ def _rachis_rest(centre: Array, frames: Array, length: Array) -> Array:
     turns = frames_to_quats(frames)
     # quaternions 1.. of a row, each with the sign nearest to the one before it
     sign = np.sign(dots(turns[:-1], turns[1:]))
-    half = frames_to_quats(frames[:-1]) + (turns[1:] * np.where(sign == 0.0, 1.0, sign)[:, None])
+    half = turns[:-1] + turns[1:] * np.where(sign == 0.0, 1.0, sign)[:, None]
     half /= np.linalg.norm(half, axis=1, keepdims=True)
     middle = quats_to_frames(half)
     stretch = np.einsum("nji,nj->ni", middle, np.diff(centre, axis=0) / length[:, None])

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags
+from featherfx.algebra.vectors import distinct
 from featherfx.errors import InputError
 from featherfx.groom.frames import Mirror
 from featherfx.groom.keys.family import Preset
@@ -136,7 +137,7 @@ def _space(checked: Any, skins: _Skins, place: Place) -> Space | None:
         place.child("of").refuse(f"{source.path} is {message} by its transforms, expects 'stage'")
     if of != "body":
         return Space(axes, unit, origin, side)
-    points = source.points[np.unique(source.triangles)] @ axes
+    points = source.points[distinct(source.triangles)] @ axes
     low, high = points.min(axis=0), points.max(axis=0)
     return Space(axes, float(np.linalg.norm(high - low)), axes @ (0.5 * (low + high)), side)
 

@@ -35,6 +35,7 @@ import scipy
 
 from featherfx.algebra.surface_elements import weld
 from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vectors import distinct
 from featherfx.errors import InputError, Problem
 from featherfx.files.content import digest
 from featherfx.files.disk_cache import kept
@@ -221,7 +222,7 @@ def make_skin_graph(roots: Array, corners: Array | None) -> SkinGraph | None:
         return None
     points, triangles = weld(np.round(corners, _WELD_DIGITS))
     ends = np.sort(np.concatenate([triangles[:, (k, (k + 1) % 3)] for k in range(3)]), axis=1)
-    edge = np.unique(ends[:, 0] * len(points) + ends[:, 1])
+    edge = distinct(ends[:, 0] * len(points) + ends[:, 1])
     edges = np.stack(np.divmod(edge, len(points)), axis=1)
     return SkinGraph(points, edges, triangles[closest(roots, corners)[0]])
 

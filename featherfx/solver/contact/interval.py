@@ -15,6 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.vectors import distinct
 from featherfx.files.background import limit_threads
 from featherfx.jit.compiled import KernelModule
 from featherfx.mechanics.model import Loads
@@ -494,7 +495,7 @@ class ContactSolver:
 def neighbours(pairs: Indices, bodies: int) -> ByBody:
     """List which bodies each touches. pairs: (N, 2) bodies that touch."""
     both = np.concatenate([pairs, pairs[:, ::-1]])
-    body, other = np.divmod(np.unique(both[:, 0] * bodies + both[:, 1]), bodies)
+    body, other = np.divmod(distinct(both[:, 0] * bodies + both[:, 1]), bodies)
     return ByBody(np.searchsorted(body, np.arange(bodies + 1)).astype(np.int64), other)
 
 

@@ -18,6 +18,7 @@ from pxr import Usd, UsdGeom
 
 from featherfx import usd
 from featherfx.algebra.types import Floats, Indices
+from featherfx.algebra.vectors import distinct
 from featherfx.feather.types import RACHIS_PART
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
@@ -273,7 +274,7 @@ class _ExpansionReader:
 def _find_strands(shape: MeshShape, owner: Indices) -> Strands:
     """Return rachises and barbs of a mesh."""
     tube = shape.part == RACHIS_PART
-    on_tube = np.unique(shape.triangles[tube])
+    on_tube = distinct(shape.triangles[tube])
     row = shape.st[:, 1].astype(np.float64)
     on_tube = on_tube[np.lexsort((row[on_tube], owner[on_tube]))]
     new = np.diff(owner[on_tube], prepend=-1) + np.abs(np.diff(row[on_tube], prepend=-1.0)) > 0
@@ -287,7 +288,7 @@ def _find_strands(shape: MeshShape, owner: Indices) -> Strands:
     out = np.abs(shape.st[:, 0].astype(np.float64) - _ON_RACHIS)
     edges = np.sort(edges, axis=1)  # places on a tie by their numbers, so that no chain is a ring
     order = np.argsort(out[edges], axis=1, kind="stable")
-    numbers = np.unique(np.take_along_axis(edges, order, axis=1) @ [len(row), 1])
+    numbers = distinct(np.take_along_axis(edges, order, axis=1) @ [len(row), 1])
     edges = np.stack(np.divmod(numbers, len(row)), axis=1)
     # a point's barb is told by its first point, which follows the rachis
     barb = np.arange(len(row))
