@@ -63,18 +63,21 @@ def find_overlaps(drawn: LeafArrays, covered: Flags, length: Array) -> Overlaps:
     feather = np.repeat(np.arange(count), covered.shape[1] * across)[shown]
     place = drawn.places.ravel()[shown]
     cells = _cells(drawn.nodes.reshape(-1, 3)[shown], length[drawn.feet.ravel()[shown]])
-    order = np.lexsort((-place, feather, cells))
-    feather, place, cells = feather[order], place[order], cells[order]
-    first = np.append(True, (np.diff(cells) != 0) | (np.diff(feather) != 0))[: len(cells)]
-    feather, place, cells = feather[first], place[first], cells[first]
-    _, sizes = np.unique(cells, return_counts=True)
-    starts = np.append(0, np.cumsum(sizes))
+    # by cell, and as they were by feather: of each the greatest s in a cell
+    order = np.argsort(cells, kind="stable")
+    feather, cells = feather[order], cells[order]
+    first = np.flatnonzero(np.diff(cells, prepend=-1) | np.diff(feather, prepend=-1))
+    place = np.maximum.reduceat(place[order], first) if len(first) else place
+    feather, cells = feather[first], cells[first]
+    starts = np.append(np.flatnonzero(np.diff(cells, prepend=-1)), len(cells))
+    sizes = np.diff(starts)
     found = np.zeros((int((sizes * (sizes - 1) // 2).sum()), 3))
     count_pairs(starts, feather, place, found)
     key = found[:, 0].astype(np.int64) * count + found[:, 1].astype(np.int64)
-    order = np.lexsort((-found[:, 2], key))
-    own = order[np.append(True, np.diff(key[order]) > 0)[: len(key)]]
-    return Overlaps(found[own, :2].astype(np.int64), found[own, 2])
+    order = np.argsort(key, kind="stable")
+    first = np.flatnonzero(np.diff(key[order], prepend=-1))
+    places = np.maximum.reduceat(found[order, 2], first) if len(first) else found[:, 2]
+    return Overlaps(np.stack(np.divmod(key[order][first], count), axis=1), places)
 
 
 def _cells(nodes: Array, length: Array) -> Indices:

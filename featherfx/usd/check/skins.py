@@ -125,7 +125,9 @@ class _Skin:
     @cached_property
     def _tree(self) -> Any:
         corners = self._points[self._triangles[self._samples.face]]
-        return cKDTree(np.einsum("nk,nkc->nc", self._samples.weights, corners))
+        places = np.einsum("nk,nkc->nc", self._samples.weights, corners)
+        # of most poses few places are sought, so that building it counts
+        return cKDTree(places, compact_nodes=False, balanced_tree=False)
 
     @cached_property
     def _normals(self) -> Array:
