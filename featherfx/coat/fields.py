@@ -34,7 +34,7 @@ from featherfx.algebra.vectors import dots, unit
 from featherfx.coat.carrier import CoatMesh, make_mesh
 
 # of the length of the feathers: reach of means over the skin, and of the smoothing of the carrier
-_MEAN_REACH, _CARRIER_REACH = 1.0, 0.1
+_MEAN_REACH, _CARRIER_REACH = 1.0, 0.2
 # agreement of headings below which feathers turn towards their mean, wholly at half of it
 _MIN_AGREEMENT = 0.7
 # weight of growth along the flow against what lies across it

@@ -27,7 +27,7 @@ from featherfx.groom.skin.skin import closest
 
 # of the fan's length: how far ahead of its feathers the skin is cut, the first that gives a loop,
 # within this of its axis
-_AHEAD, _MAX_ASIDE = (0.1, 0.0), 0.5
+_AHEAD, _MAX_ASIDE = (0.1, 0.0), 0.6
 _CLEARANCE = 0.01  # of the fan's length, of the sheet from the feathers
 _STATION = 0.03  # of the fan's length, between rings
 _SLOPE, _STEEP = 0.5, 2.0  # of a ramp onto coverts, and of that below feathers behind them

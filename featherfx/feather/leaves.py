@@ -21,6 +21,7 @@ from featherfx.algebra.vectors import dots
 from featherfx.coat.coat import Coat, StackReport, describe_doubts, draw, grow_coat, stack
 from featherfx.coat.fields import CoatSpacing, Follicles
 from featherfx.coat.forms import PlaneForms, make_plane_forms
+from featherfx.coat.refinement import refine
 from featherfx.coat.sheets import raise_onto, sew_fan
 from featherfx.errors import count_feathers, warn_input
 from featherfx.feather.shapes import build_plane_feathers
@@ -226,7 +227,9 @@ def _grow(groom: Groom, chosen: Sequence[Placement]) -> tuple[LaidCoat, PlaneFor
     skin, layout = groom.skin, groom.layout
     assert skin is not None
     assert layout is not None
-    points, faces = _sew_tails(groom, *weld(skin))
+    roots = np.stack([each.position for each in chosen])
+    length = np.array([each.kind.length for each in chosen])
+    points, faces = _sew_tails(groom, *refine(*weld(skin), roots, length))
     onto = [each for each in groom.feathers if each.grown and each.turning is not None]
     if onto:
         rows = _nodes_of([each for each in groom.feathers if each.turning and not each.grown])
@@ -234,12 +237,10 @@ def _grow(groom: Groom, chosen: Sequence[Placement]) -> tuple[LaidCoat, PlaneFor
         hidden = rows[away > _BEHIND * away.max()]
         how = points, faces, _nodes_of(onto).reshape(-1, 3), hidden
         points = kept("raised", how, lambda: {"points": raise_onto(*how)})["points"]
-    places = np.stack([each.position for each in chosen])
-    triangle, place = closest(places, points[faces])
+    triangle, place = closest(roots, points[faces])
     foot = np.einsum("fk,fkc->fc", place, points[faces][triangle])
-    length = np.array([each.kind.length for each in chosen])
-    covered = np.linalg.norm(foot - places, axis=1) > _MAX_DISTANCE * length
-    places = np.where(covered[:, None], foot, places)
+    covered = np.linalg.norm(foot - roots, axis=1) > _MAX_DISTANCE * length
+    places = np.where(covered[:, None], foot, roots)
     kinds = [each.kind for each in chosen]
     frames = np.stack([each.rotation for each in chosen])
     follicles = Follicles(

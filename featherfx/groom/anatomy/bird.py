@@ -21,8 +21,9 @@ from featherfx.errors import all_of, warn_input
 from featherfx.groom.anatomy.drape import Beneath, Body, beneath, lie_on
 from featherfx.groom.anatomy.fans import TAIL_THINNING, closed_fan
 from featherfx.groom.anatomy.landmarks import Points, axes_of, check_on_skin, distance
-from featherfx.groom.anatomy.remiges import coated_rows, shut
-from featherfx.groom.anatomy.wing import wing_type
+from featherfx.groom.anatomy.remiges import coated_rows, on_skin, shut
+from featherfx.groom.anatomy.wing import skin_of_wing, wing_type
+from featherfx.groom.anatomy.wing_skin import WingParts, WingSkin
 from featherfx.groom.frames import along_polyline
 from featherfx.groom.keys.anatomy import TRACTS, CovertRow, PartOfBody, WingType
 from featherfx.groom.keys.limbs import CREST_KEYS, TAIL_KEYS, WING_KEYS
@@ -47,12 +48,15 @@ _RIMLESS = 0.5  # of a disc's radius, around the tip of the beak, which its rim 
 _SPREAD = 0.1  # fold, up to which a wing that does not open stands at its landmark, not as it lies
 _HIDES = 0.9  # fold, from which on a wing hides the flank
 _BORDER = 0.5  # of a feather's length, over which parts pass into each other
-_BORDERS = {"thigh": 0.1}  # where legs are bare below, no single feathers
+_BORDERS = {"crural": 0.1}  # where legs are bare below, no single feathers
+_LEG = ("thigh", "crural")
+_CRURAL = 0.45, 0.5  # of length and relative density on the thigh, those of thin legs; by eye
 _ROOM = 0.3, 0.4  # of a length, free beneath; where legs move, more
 # of relative densities, below which feathers stand closer in creases: that room, and their length
 # over it, which is 1 elsewhere; by coverage
 _SPARSE, _CREASES = 20.0, {"thigh": (0.2, 2.0), "flank": (0.3, 2.0), "belly": (0.3, 1.5)}
 _SIDEWAYS = 55.0  # deg from upwards, beyond which skin bears no scapulars
+_OVER_EDGE = -1.0, 0.0, 1.0  # forward, left and up, of small coverts over a wing's front; by eye
 _UP = 0.0, 0.0, 1.0
 _ON_CREST = 9  # points of its line that are put onto the skin
 _NAPE = 0.4  # of the way to the shoulders, from the lowest site of the nape to the mantle's first
@@ -95,6 +99,8 @@ def hatch(
     wings = [_wing(entry, wing, side, points, axes, scale) for side in ("right", "left")]
     if body is not None and (entry["fold"] > _SPREAD or entry["opens"]):
         wings = _lying(wings, body, at)
+    wings = _on_skin(wings, skin, at, axes)
+    coats = coats or (coated_rows(wing) if "on" in wings[0] else [])
     parts["wing"] += [(at, each) for each in wings]
     if tail is not None:
         parts["tail"].append((at, tail))
@@ -119,11 +125,29 @@ def hatch(
         (at.child("type.disc"), {**each, "where": each["where"] + bare}) for each in disc.regions
     ]
     parts_of = kind["tracts"] | dict.fromkeys(shoulders, _small_coverts(wing, coats))
-    for name in (*TRACTS, "cheek", *shoulders):
+    thigh = parts_of["thigh"]
+    parts_of["crural"] = thigh | {
+        "length": _CRURAL[0] * thigh["length"],
+        "relative_density": _CRURAL[1] * thigh["relative_density"],
+    }
+    for name in (*TRACTS, "crural", "cheek", *shoulders):
         if len(sites.get(name, ())) and parts_of[name]["relative_density"] > 0.0:
             region = _region(name, parts_of[name], sites, points, scale)
             region["where"] += bare + disc.outside + (above if name == "scapular" else ())
+            off_wings = tuple(_off_wing(each["on"]) for each in wings if "on" in each)
+            region["where"] += off_wings
+            if off_wings and name not in _LEG:  # a current would turn back on wings
+                region["flow"] = _filled(
+                    FLOW_KEYS, direction=tuple(points["tail"] - points["beak"])
+                )
             parts["region"].append((at.child(f"type.tracts.{name}"), region))
+    for each in wings:
+        if "on" in each and coats:
+            name = f"{each['side']}_wing_{coats[0].name}"
+            region = _wing_coat(
+                name, _small_coverts(wing, coats), scale, each["on"].parts, axes @ _OVER_EDGE
+            )
+            parts["region"].append((at.child("type.wing"), region))
     if parts["layout"] is None:
         parts["layout"] = _filled(LAYOUT_KEYS)
     return {
@@ -210,6 +234,38 @@ def _lying(wings: list[dict[str, Any]], body: Body, at: Place) -> list[dict[str,
         )
     sheets = sheet, sheet.mirrored(body.middle, body.axes[:, 1])
     return [wing | {"type": kind, "sheet": own} for wing, own in zip(wings, sheets, strict=True)]
+
+
+def _on_skin(
+    wings: list[dict[str, Any]], skin: Body | None, at: Place, axes: Array
+) -> list[dict[str, Any]]:
+    """Both wings on the skin, where landmarks pose them and it has both."""
+    if skin is None or wings[0]["fold"] is not None:
+        return wings
+    found = [skin_of_wing(each, at, axes, skin.corners) for each in wings]
+    if any(each is None for each in found):
+        return wings
+    return [
+        wing | {"type": on_skin(wing["type"]), "on": own}
+        for wing, own in zip(wings, found, strict=True)
+    ]
+
+
+def _off_wing(skin: WingSkin) -> dict[str, Any]:
+    """A rule that leaves out the skin of a wing."""
+    own = np.concatenate(skin.parts[:2])
+    return _filled(WHERE_KEYS, nearest={"to": _tuples(skin.parts.rest), "than": _tuples(own)})
+
+
+def _wing_coat(
+    name: str, kind: dict[str, Any], scale: float, parts: WingParts, back: Array
+) -> dict[str, Any]:
+    """Small coverts on the front of a wing that the skin has. back: (3,)."""
+    length = scale * kind["length"]
+    near = {"to": _tuples(parts.front), "than": _tuples(np.concatenate(parts[1:]))}
+    where = (_filled(WHERE_KEYS, nearest=near, soft=0.2 * length),)
+    own = {key: kind[key] for key in ("kind", "relative_density", "width", "tilt", "curl")}
+    return _coat(name, where, {"direction": tuple(back)}, length, kind["length_variation"], **own)
 
 
 def _beneath(wing: dict[str, Any], body: Body) -> Beneath:
@@ -333,7 +389,8 @@ def _sites(points: Points, axes: Array, bill: float, neck: float) -> dict[str, A
         heel = p.get(f"{side}_heel")
         if heel is not None:
             hip = between(p["breast"], p["vent"], 0.65)
-            found.setdefault("thigh", []).append(between(heel, hip, 0.4))
+            found.setdefault("thigh", []).append(between(heel, hip, 0.5))
+            found.setdefault("crural", []).append(between(heel, hip, 0.25))
             found.setdefault("foot", []).append(heel)
     return {name: np.array(each) for name, each in found.items()}
 
@@ -356,10 +413,10 @@ def _region(
     than = np.concatenate([each for other, each in sites.items() if other != name])
     near = {"to": _tuples(sites[name]), "than": _tuples(than)}
     flow = {"away": tuple(points["beak"]), "towards": tuple(points["tail"])}
-    if name == "thigh":  # down the leg, and back where the belly faces down itself
+    if name in _LEG:  # down the leg, and back where the belly faces down itself
         down, back = (sites["foot"] - sites["thigh"]).mean(axis=0), points["tail"] - points["beak"]
         flow = {"direction": tuple(down + length * unit(back))}
-    room, fit = _ROOM[name == "thigh"], 1.0
+    room, fit = _ROOM[name in _LEG], 1.0
     if kind["relative_density"] < _SPARSE:
         room, fit = _CREASES.get(name, (room, fit))
     where = (

@@ -95,15 +95,20 @@ def folded(
     return WingBones(points, posed, np.stack(hinges), np.full(3, fold), left)
 
 
-def as_placed(kind: WingType, points: Array, axes: Array, left: bool) -> WingBones | None:
-    """A wing whose joints and tip stand at points (4, 3) m; None where they are on one line."""
+def as_placed(
+    kind: WingType, points: Array, axes: Array, left: bool, dorsal: Array | None = None
+) -> WingBones | None:
+    """A wing whose joints and tip stand at points (4, 3) m; None where they are on one line.
+
+    dorsal: (3,) of its skin; else that of the bend of its bones.
+    """
     turn = 1.0 if left else -1.0
     bones = np.diff(points, axis=0)
     bend = np.cross(bones[1], bones[2]) - np.cross(bones[0], bones[1])
     sizes = np.linalg.norm(bones, axis=1)
     if np.linalg.norm(bend) <= 1e-3 * sizes.prod() ** (2.0 / 3.0):
         return None
-    frames = frames_from(bones, np.tile(turn * bend, (3, 1)))
+    frames = frames_from(bones, np.tile(turn * bend if dorsal is None else dorsal, (3, 1)))
     spread, closed = upper_arms(kind, axes, left)
     hinges, fractions = [rotation_vectors(closed @ spread.T)], []
     for number, (first, last) in enumerate(_turns(kind), 1):

@@ -19,6 +19,7 @@ _TERTIALS, _PRIMARIES = (0.04, 0.55), (0.03, 0.98)
 # of a shut wing, by eye: places of the row that the coat before it rises onto, and of the first
 # that is a coat itself; and gaps of rows against an open wing's
 _LOOSE, _COATED, _SHUT_GAP = 0.2, 0.4, 0.77
+_BELOW = 1.0, 0.5  # lengths of the first rows below on the skin of a wing; by eye
 _ALONG = np.linspace(0.0, 1.0, 6)  # of shafts, places that are told
 _FLATTEST = 1e-6  # rad, so that vanes are as flat as a sheet without a bow
 _PARALLEL = 1.0  # deg, between the innermost feather of a shut arm and the outermost
@@ -32,7 +33,8 @@ class Remiges:
     rows: the row that each belongs to. numbers: in it, as ornithology counts them: primaries and
     secondaries from the wrist. bone: of each. roots: (N, 3) m, on the bones. angles: (N,) deg
     against the forearm as the wing is. fractions: (N,) of the hand's turn that each takes. lengths:
-    (N,) m. forward: (N,) m, from the root to the leading edge.
+    (N,) m. forward: (N,) m, from the root to the leading edge. widening: (N,) of vanes, that are
+    shorter than their type has them.
     """
 
     rows: tuple[str, ...]
@@ -43,6 +45,7 @@ class Remiges:
     fractions: Array
     lengths: Array
     forward: Array
+    widening: Array
 
 
 def remiges_of(kind: WingType, bones: WingBones, scale: float) -> Remiges:
@@ -81,6 +84,7 @@ def remiges_of(kind: WingType, bones: WingBones, scale: float) -> Remiges:
         fractions=fractions,
         lengths=scale * np.concatenate(lengths),
         forward=_to_leading_edge(kind, bones.lengths, counts, ends[:, 0]),
+        widening=np.ones(len(rows)),
     )
 
 
@@ -150,6 +154,20 @@ def shut(kind: WingType) -> WingType:
             if row.side == "above" and row.chord_position < _COATED
         ),
     )
+
+
+def on_skin(kind: WingType) -> WingType:
+    """The type as it lies on a wing that a skin has: without small coverts, which are a coat there,
+    and with a row below that reaches the edge behind, as what is above does."""
+    rows = [
+        replace(row, loose=row.chord_position >= _LOOSE)
+        for row in kind.coverts
+        if row.chord_position < _COATED
+    ]
+    below = [k for k, row in enumerate(rows) if row.side == "below"]
+    for k, length in zip(below, _BELOW, strict=False):
+        rows[k] = replace(rows[k], length=length, hand=1.0)
+    return replace(kind, coverts=tuple(rows), alula=replace(kind.alula, count=0))
 
 
 def coated_rows(kind: WingType) -> list[CovertRow]:

@@ -8,7 +8,6 @@ curved alike, farther up its shaft and farther from the bone. Inner feathers lie
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -35,6 +34,7 @@ from featherfx.groom.anatomy.remiges import (
     spread_evenly,
 )
 from featherfx.groom.anatomy.sheet import Sheet
+from featherfx.groom.anatomy.wing_skin import WingSkin, find_wing_skin
 from featherfx.groom.keys.anatomy import CovertRow, FlightRow, WingBand, WingType
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.looks import Pattern
@@ -92,14 +92,21 @@ def wing(
     kind = wing_type(entry["type"], place.child("type"), library)
     bones = _bones(entry, place, kind, axes)
     found = _Wing(entry, place, kind, bones, store, entry["scale"])
-    remiges = remiges_of(kind, bones, entry["scale"])
-    found = replace(found, closed=_closed(found, axes))
+    remiges, skin = remiges_of(kind, bones, entry["scale"]), entry.get("on")
+    remiges = remiges if skin is None else skin.fit(remiges, bones)
+    found = replace(found, closed=None if skin else _closed(found, axes))
     _check(found, remiges, axes)
     rows = list(_rows(found, remiges))
     found = replace(found, marks=_marks(found, rows, axes)) if kind.bands else found
     drafts = [draft for row in rows for draft in _feathers(found, remiges, row)]
     drafts += _alula(found)
     return drafts, _joints(found)
+
+
+def skin_of_wing(entry: dict[str, Any], at: Place, axes: Array, corners: Array) -> WingSkin | None:
+    """The part of a skin (T, 3, 3) m that is the wing of a [[wing]]; None without any."""
+    bones = _bones(entry, at, entry["type"], axes)
+    return find_wing_skin(bones, remiges_of(entry["type"], bones, entry["scale"]), corners)
 
 
 def _shut(wing: _Wing, axes: Array) -> tuple[_Wing, Remiges]:
@@ -195,7 +202,14 @@ def _bones(entry: dict[str, Any], place: Place, kind: WingType, axes: Array) -> 
         place.child(name).refuse("is where the joint before it is. Give bones a length")
     if fold is not None:
         return folded(kind, shoulder, lengths, axes, left, fold)
-    bones = as_placed(kind, points, axes, left)
+    dorsal = None
+    if skin := entry.get("on"):
+        # meshes end where feathers do, beyond the bones of the hand
+        points[3] = points[2] + min(1.0, kind.hand / kind.forearm * lengths[1] / lengths[2]) * (
+            points[3] - points[2]
+        )
+        dorsal = skin.axes[:, 2]
+    bones = as_placed(kind, points, axes, left, dorsal)
     if bones is None:
         place.child("tip").refuse("shoulder, elbow, wrist and tip are on one line. Give fold")
     return bones
@@ -347,6 +361,7 @@ def _thumb(wing: _Wing) -> Remiges:
         fractions=np.ones(row.count),
         lengths=wing.scale * spread_evenly(row.lengths, row.count),
         forward=np.zeros(row.count),
+        widening=np.ones(row.count),
     )
 
 
@@ -373,6 +388,11 @@ def _feathers(wing: _Wing, remiges: Remiges, row: _Row) -> Iterator[Draft]:
         rotations = turns @ rotations
         inside = _inside(kind, row.width * row.lengths, within)
         wraps = fraction * closed.sheet.bend * row.lengths[:, None] * inside
+    curls = np.degrees(curvature_of(wing.kind, wing.scale) * row.lengths)
+    if skin := entry.get("on"):
+        laid = skin.lay(positions, rotations[:, :, 0], row.lengths, row.height)
+        positions, rotations, curls = laid.roots, laid.frames, np.degrees(laid.bends)
+        wraps = np.repeat(laid.wraps[:, None], 2, axis=1)
     for k, remex in enumerate(row.own):
         length = float(row.lengths[k])
         yield Draft(
@@ -385,10 +405,10 @@ def _feathers(wing: _Wing, remiges: Remiges, row: _Row) -> Iterator[Draft]:
             left=wing.bones.left,
             skin=entry["skeleton"],
             scale=length / kind.length,
-            width=row.width,
+            width=row.width * float(remiges.widening[remex]),
             roll=wing.kind.roll,
             place=wing.place,
-            curl=math.degrees(curvature_of(wing.kind, wing.scale) * length) - kind.rachis.camber,
+            curl=float(curls[k]) - kind.rachis.camber,
             wrap=(float(wraps[k, 0]), float(wraps[k, 1])),
             grown=row.loose,
             turning=Turning(

@@ -287,7 +287,9 @@ class SkinSurface:
         """(N,) whether places lie inside the body, as they do where it passes through itself."""
         if not len(crossing_triangles(self.source.points, self.source.triangles)):
             return np.zeros(len(points), dtype=np.bool_)
-        just_above = points.position + _ABOVE * self.diagonal * points.normal
+        # by the face's own normal: smooth ones may point into a coarse mesh
+        above = unit(self._products[points.triangle])
+        just_above = points.position + _ABOVE * self.diagonal * above
         return within(just_above, self.corners)
 
     @cached_property

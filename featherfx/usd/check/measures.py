@@ -221,7 +221,7 @@ def _frame_report(found: Intersections, names: Sequence[str], code: float | None
 OUTLINE_VIEWS = {"top": (0, 1), "side": (0, 2), "front": (1, 2)}  # axes of a picture, z up
 _PIXEL = 1e-4  # m
 _MAX_PIXELS = 6000  # along the longer side of an outline
-_LEGS = "thigh"  # the part of a [bird] that grows on legs
+_LEGS = ("thigh", "crural")  # parts of a [bird] that grow on legs
 # shares of a gap's rim: of bare skin, and of the feathers of legs as of others; by eye
 _BARE, _BOTH = 0.4, 0.2
 _RIM = np.ones((3, 3), dtype=np.bool_)  # of nodes around another
@@ -255,7 +255,7 @@ def measure_holes(
         legs: list[Array] = []
         each = zip(meshes.points(code), meshes.triangles, meshes.owner, strict=True)
         for points, triangles, owner in each:
-            is_leg = owner != BODY and cache.feathers[owner].region == _LEGS
+            is_leg = owner != BODY and cache.feathers[owner].region in _LEGS
             sort = skin if owner == BODY else legs if is_leg else coat
             sort.append(points[triangles][:, :, chosen])
         none = np.zeros((0, 3, 2))
