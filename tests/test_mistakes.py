@@ -75,6 +75,7 @@ IN_FILES = [
         ":6: wind: 5 is not a wind preset. Give its name in quotes, or a table",
     ),
     ("shot", '"calm"', '"calm"\njobs = 4', "is an option of commands. Write --jobs there"),
+    ("shot", '"calm"', '"calm"\npreset_folders = ["."]', "of commands. Write --presets there"),
     ("shot", "[motion]", "[overrides]\nlength = 1\n[motion]", 'Write [overrides."NAME"] above it'),
     ("shot", "[motion]", FLAT, "[1, 0, 12, 35] holds no arrays. Give 1 to 10000 arrays of 2 numb"),
     ("groom", "[[joint]]", "[[joints]]", "joints: unknown key, did you mean 'joint'?"),

@@ -135,7 +135,8 @@ class Place:
         if name == self.key and name in self.problems.groom_keys:
             return self.fail("is a key of grooms. Write it in the groom")
         if name == self.key and self.problems.groom_keys and name in _bake_options():
-            return self.fail(f"is an option of commands. Write --{name.replace('_', '-')} there")
+            option = _OPTIONS.get(name, name).replace("_", "-")
+            return self.fail(f"is an option of commands. Write --{option} there")
         if "." in self.key and name in self.problems.file_keys:
             return self.fail("unknown key here. Write it above the first table of the file")
         if near and near[0].rpartition(".")[2] not in names:
@@ -146,6 +147,10 @@ class Place:
         """A message about a name that is none of the known ones, with the one likely meant."""
         near = self.problems.nearest(name, names)
         return f"{message}, {near}" if near else message
+
+
+# options whose names in commands are other ones
+_OPTIONS = {"preset_folders": "presets", "form": "as"}
 
 
 def _bake_options() -> set[str]:
