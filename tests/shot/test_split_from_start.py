@@ -37,9 +37,11 @@ def write_shot(folder: Path, what: str, more: str = "") -> Path:
 
 
 def ends(folder: Path, what: str, more: str = ""):
-    """How far (n,) the trailing barbs' ends have risen in the last frame, gaps, and the report."""
+    """How far (n,) the trailing barbs' ends have risen over the rachis in the last frame, gaps, and
+    the report."""
     simulation = simulate(read_shot(write_shot(folder, what, more)))
-    heights = [frame.poses[0].points.nodes[:, 6, 2] for frame in simulation]
+    nodes = [frame.poses[0].points.nodes for frame in simulation]
+    heights = [each[:, 6, 2] - each[:, 0, 2] for each in nodes]
     state = simulation.checkpoint().states[0]
     return heights[-1] - heights[0], state.gaps_of(0), simulation.report.get("hooks")
 

@@ -137,8 +137,8 @@ def test_the_energy_of_a_feather_that_is_left_alone_only_falls(frame):
 
 
 def test_moduli_hold_at_the_reference_frequency_and_droop_at_rest_is_theirs():
-    kind = preset_kind("swan_primary")
-    _, plain = preset_batch("swan_primary")
+    kind = preset_kind("primary")
+    _, plain = preset_batch("primary")
     for reference in (0.0, 20.0):
         own = banded(kind, reference_frequency=reference)
         model = with_damping(plain, [own])

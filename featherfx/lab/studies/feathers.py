@@ -159,32 +159,36 @@ _DAWSON = published("Dawson 2005 (Ibis 147), abstract: 2.41, s.d. 0.42, of 120 s
 
 
 def _keratin() -> Comparisons:
-    """Compare the keratin of keratin_rachis with measured rachises."""
-    material, one = feather_kind("primary").rachis_material, np.ones(1)
+    """Compare flight_rachis and keratin_rachis with measured rachises."""
+    flight, one = feather_kind("primary").rachis_material, np.ones(1)
+    material = feather_kind("ornamental_plume").rachis_material
     stretch, bend = (each[0] for each in rachis_stiffness(one, one, material))
-    macleod = "MacLeod 1980 (J. exp. Biol. 87), abstract, distal shafts of contour feathers"
+    macleod = published(
+        "MacLeod 1980 (J. exp. Biol. 87), abstract, distal shafts of contour feathers"
+    )
+    schmitz = "Schmitz et al. 2015 (J. Morphology 276), abstract, pigeon and three birds of prey"
     deng = "Deng et al. 2023 (Applied Physics A 129), section 1"
     swan = feather_kind("swan_primary").rachis_material
     rows = Comparisons()
     for text, ours, low, high, source, note in (
         (
-            "Young's modulus of keratin_rachis, GPa",
-            1e-9 * material.youngs_modulus,
+            "Young's modulus of flight_rachis, GPa",
+            1e-9 * flight.youngs_modulus,
             5.9,
             8.4,
-            "Schmitz et al. 2015 (J. Morphology 276), abstract, pigeon and three birds of prey",
-            "taken from Bonser and Purslow 1995, abstract: 2.50 in the mean of eight species",
+            ourselves(f"{schmitz}, of which it is the middle"),
+            "keratin_rachis has the 2.50 of Bonser and Purslow 1995, abstract, of eight species",
         ),
         (
             "the same, beside pulled shafts",
-            1e-9 * material.youngs_modulus,
+            1e-9 * flight.youngs_modulus,
             1e-3 * min(stiff for stiff, _, _ in _PULLED),
             1e-3 * max(stiff for stiff, _, _ in _PULLED),
-            f"{_OWL}, table 1, instantaneous, of five pigeons",
+            published(f"{_OWL}, table 1, instantaneous, of five pigeons"),
             "whole shafts, pulled by 0.5 mm a minute",
         ),
         (
-            "bending stiffness of its shaft over that of a solid rod's section, MPa",
+            "bending stiffness of keratin_rachis over that of a solid rod's section, MPa",
             1e-6 * bend[1] / (np.pi / 64.0),
             457.0,
             1850.0,
@@ -199,17 +203,24 @@ def _keratin() -> Comparisons:
             macleod,
             "proximal 45 to 181",
         ),
-        ("its loss factor in swan_primary", swan.loss_factor, 0.03, 0.07, f"{deng}, of swans", ""),
         (
-            "its loss factor",
-            material.loss_factor,
+            "loss factor of swan_primary's shaft",
+            swan.loss_factor,
+            0.03,
+            0.07,
+            ourselves(f"{deng}, of swans, of which it is the middle"),
+            "",
+        ),
+        (
+            "loss factor of flight_rachis",
+            flight.loss_factor,
             2.0 * 0.034,
             2.0 * 0.268,
-            f"{deng}, of pigeons, tip to base, twice the damping ratio",
+            published(f"{deng}, of pigeons, tip to base, twice the damping ratio"),
             "the 0.896 that is cited there is of slow pulls, see the next row",
         ),
     ):
-        printed = published(f"{source}: {low:g} to {high:g}")
+        printed = replace(source, text=f"{source.text}: {low:g} to {high:g}")
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
         rows.compare(text, ours, middle, half, printed, absolute=True, note=note)
     text = "largest loss factor of the law that table 1 fits to pulled shafts, five pigeons"
@@ -262,7 +273,7 @@ def _along() -> Comparisons:
     )
     note = "the wall is one part of the radius along the whole shaft"
     text = "its stiffness over that of a solid rod's section and over its density, tip over base"
-    source = published(f"{gulls}: increases by a factor of 2")
+    source = ourselves(f"{gulls}: increases by a factor of 2, as the modulus was made to")
     rows.compare(text, specific[-1] / specific[0], 2.0, 0.25, source, note=note)
     return rows
 
