@@ -39,13 +39,15 @@ def pressed(rises, fixed=True):
     return report, contact.found.contacts
 
 
-def test_a_shaft_is_pressed_off_near_its_root_in_few_rounds():
-    """With the spring of a node farther out it takes 26 rounds."""
-    report, contacts = pressed((3e-4, 0.0))
+@pytest.mark.parametrize(("fixed", "rounds"), [(True, 15), (False, 20)])
+def test_a_shaft_is_pressed_off_near_its_root_in_few_rounds(fixed, rounds):
+    """By obstacles: with the spring of a node farther out it takes 26 rounds. By what is led for an
+    interval: with springs alone it is off by three times the tolerance after as many."""
+    report, contacts = pressed((3e-4, 0.0), fixed)
     forces = contacts["guest_force"]
     assert forces.max() > 0.05
     assert report.residual < TOLERANCE
-    assert report.rounds <= 15
+    assert report.rounds <= rounds
 
 
 def test_what_is_led_for_one_interval_has_springs_of_its_own_and_shares_nothing():

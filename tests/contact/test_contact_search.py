@@ -285,7 +285,6 @@ def in_one_island(active):
         mine=np.ones(bodies, dtype=np.int8),
         island=np.zeros(bodies, dtype=np.int64),
         fresh=np.zeros(bodies, dtype=np.int8),
-        soft=np.zeros(bodies, dtype=np.int8),
         active=active.astype(np.int8),
         moved=np.ones(bodies, dtype=np.int8),
         worst=np.zeros(bodies),

@@ -4,7 +4,7 @@ Where a step leaves some feathers unsolved, or contacts far off, these and what 
 island: it goes the same way again in shorter steps, while all others keep what they got and move
 evenly from their old pose to their new one (multirate, the slowest first: Gear and Wells 1984). An
 island in which something is off again has smaller ones of its own, down to the shortest step. There
-contacts of what cannot be solved yield, and are left out where that does not help.
+contacts of what cannot be solved are left out.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Stepper:
     """Steps all feathers over a span, islands of trouble in shorter steps.
 
     spend: told the iterations of every try. tired: tells whose contacts are left out. yielded: (B,)
-    feathers whose contacts yielded so far, or were left out.
+    feathers whose contacts were left out so far.
     """
 
     def __init__(
@@ -86,7 +86,6 @@ class Stepper:
         span: StepSpan,
         resting: Flags,
         led: LedMotion | None = None,
-        yielding: Flags | None = None,
         left_out: Flags | None = None,
     ) -> Stepped:
         """The states after a span, of what is not led; its contact forces are kept."""
@@ -104,7 +103,6 @@ class Stepper:
             IntervalOptions(
                 span.substeps,
                 resting,
-                yielding,
                 without if without.any() else None,
                 led,
                 EASY if span.can_be_cut() else MAX_CONTACT_ITERATIONS,
@@ -125,10 +123,7 @@ class Stepper:
                 solver.accept(jammed=self._rules.wrong(contact))
                 return Stepped(new, reports, [(span.length, contact)], 0)
             self.yielded |= failed
-            if yielding is None:
-                again = self.step(states, span, resting, led, failed)
-            else:
-                again = self.step(states, span, resting, led, yielding, failed)
+            again = self.step(states, span, resting, led, failed)
             again.tries += 1
             return again
         if led is None:

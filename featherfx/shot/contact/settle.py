@@ -224,18 +224,18 @@ class _Steps:
         self, states: Sequence[State], h: float, resting: Flags, held: Flags, tried: _Tried | None
     ) -> tuple[list[State], ContactReport, float]:
         """One step of h (s), or of as much of it as can be solved, of what is not held. tried: it,
-        if it has been. What cannot be solved at the shortest step yields."""
-        yielding: Flags | None = None
+        if it has been. Contacts of what cannot be solved at the shortest step are left out."""
+        left_out: Flags | None = None
         while True:
-            new, status, contact = tried or self._try(states, h, resting, held, yielding)
+            new, status, contact = tried or self._try(states, h, resting, held, left_out)
             tried = None
             if not status.any() and not (self._off(contact).any() and CUT * h > SHORTEST_OFF):
                 self._accept()
                 return new, contact, h
             if CUT * h >= SHORTEST:
                 h *= CUT
-            elif yielding is None:
-                yielding = status != 0.0
+            elif left_out is None:
+                left_out = status != 0.0
             else:
                 raise_if_failed(status, np.zeros(len(status)), self._names)
 
@@ -254,7 +254,7 @@ class _Steps:
         h: float,
         resting: Flags,
         held: Flags,
-        yielding: Flags | None = None,
+        left_out: Flags | None = None,
     ) -> _Tried:
         """One step of h (s) of what is not held."""
         solver, now = self._solver, float(states[0].time[0])
@@ -266,7 +266,7 @@ class _Steps:
             led = led._replace(free=led.free & ~held)
         paths = self._paths_of(states)
         walls = self._bodies.walls(states, now, now, solver.settings.margin)
-        manner = IntervalOptions(resting=resting, yielding=yielding, led=led, settling=True)
+        manner = IntervalOptions(resting=resting, left_out=left_out, led=led, settling=True)
         if CUT * h >= SHORTEST:
             # what is nearly at rest is not cut for one feather that takes long
             manner = manner._replace(iterations=EASY if h <= _STEPS[0] else PATIENT * EASY)

@@ -49,7 +49,6 @@ from featherfx.solver.contact.surfaces import (
 from featherfx.solver.contact.types import (
     Array,
     ByBody,
-    Bytes,
     Candidates,
     ContactMemory,
     GroundSurface,
@@ -84,8 +83,6 @@ _BLOW = 2.0
 _JAMMED_RATIO = 0.2
 # gap, over the margin, beyond which a contact without a force is not handed to a feather
 _FAR = 0.5
-# stiffness of contacts that yield, over what it would be
-_SOFT = 1e-2
 # N/m, of what is led and gives way to nothing; weights of corners, and sums, have to stay finite
 _RIGID = 1e150
 # searches for contacts in one interval: the poses at its end are not known before; margin of the
@@ -128,6 +125,7 @@ class ContactSolver:
         self._team = Team(solvers, self.grids)
         self._colours = no_colours(bodies)
         thickest = float(np.max(halves, initial=np.finfo(float).tiny))
+        self._thinnest = float(np.min(halves, initial=thickest))
         self._margin = settings.margin / thickest * np.asarray(halves)
         self._touching: tuple[Indices, ByBody] | None = None
         self._free = np.ones(bodies, dtype=np.bool_)
@@ -176,7 +174,7 @@ class ContactSolver:
         is not solved either; what settles ends with it.
         """
         self._tear(states)
-        substeps, resting, yielding, left_out, led, iterations, turns, settling, lost = manner
+        substeps, resting, left_out, led, iterations, turns, settling, lost = manner
         free = np.ones(self.grids.bodies, dtype=np.bool_) if led is None else led.free
         shares = self._followed(duration)
         run = BatchRun(
@@ -189,9 +187,6 @@ class ContactSolver:
         self._fixed = np.zeros(len(free), dtype=np.int8) if led is None else led.fixed.astype("i1")
         self._free, memory, rounds = free, self.memory, 0
         stale = free.copy() if resting is None else free & ~resting
-        soft = np.zeros(self.grids.bodies, dtype=np.int8)
-        if yielding is not None:
-            soft[yielding] = 1
         before, forces = ContactSearch(new_touch(1), 0), np.zeros(self.grids.bodies)
         # what settles is stopped after each step, and headed nowhere
         surprise = np.full_like(self._margin, np.inf) if settling else memory.surprise
@@ -203,11 +198,9 @@ class ContactSolver:
             np.copyto(searched, run.now)
             looked = stale if number else free
             self._find(run, walls, (memory, before), looked, margin, (turns, number > 0), left_out)
-            if yielding is not None:
-                list_kernels.soften(*self.found, soft, looked.astype(np.int8), _SOFT)
             if number:
-                stale = self._changed(stale, forces, soft) & free
-            solved = self._solve(run, stale & (off == 0.0), soft, off > 0.0)
+                stale = self._changed(stale, forces) & free
+            solved = self._solve(run, stale & (off == 0.0), off > 0.0)
             rounds += int(solved.islands.rounds.max(initial=0))
             meeting_kernels.largest_moves(run.now, searched, free, moved)
             worst = solved.marks.worst
@@ -225,8 +218,8 @@ class ContactSolver:
             list_kernels.add_forces(*self.found, forces)
             order = self.candidates.order
             memory = self.found.remembered(order, self._found_in, self.memory)
-        # what is not where contacts were searched may have missed some, unless they yield anyway
-        off = np.maximum(np.maximum(off, worst), np.where(stale & (soft == 0), moved, 0.0))
+        # what is not where contacts were searched may have missed some
+        off = np.maximum(np.maximum(off, worst), np.where(stale, moved, 0.0))
         contacts = self.found.contacts
         report = ContactReport(
             contacts=int(np.count_nonzero(contacts["guest_force"] > 0.0)),
@@ -411,26 +404,26 @@ class ContactSolver:
         """1/s^2, stiffness of an implicit step over the mass."""
         return float(integrator_kernels.integrator_of(_SHARED_RADIUS, duration).inertia)
 
-    def _changed(self, stale: Flags, forces: Array, soft: Bytes) -> Flags:
+    def _changed(self, stale: Flags, forces: Array) -> Flags:
         """(B,) bodies that feel other forces (N) than before: what was found then, of another body
         or at another place, pressed as well; and those that are stale and pressed, by planes that
         may have turned. Whether others have new contacts their gaps tell."""
         found = np.zeros_like(forces)
         list_kernels.add_forces(*self.found, found)
-        pressed = (found > 0.0) | (forces > 0.0) | (soft != 0)
+        pressed = (found > 0.0) | (forces > 0.0)
         return np.asarray((np.abs(found - forces) > 1e-9 * forces) | (stale & pressed))
 
-    def _solve(self, run: BatchRun, stale: Flags, soft: Bytes, lost: Flags) -> Sweep:
+    def _solve(self, run: BatchRun, stale: Flags, lost: Flags) -> Sweep:
         """Rounds of solves with the contacts found; what they ended with.
 
-        stale: (B,) bodies that are solved in the first round, whatever their contacts. soft: (B,)
-        those whose contacts yield; lost: (B,) those that stay where they are.
+        stale: (B,) bodies that are solved in the first round, whatever their contacts. lost:
+        (B,) those that stay where they are.
         """
         settings = self.settings
         touching = self._neighbours()
         count, island = islands_of(touching)
         island[~self._free | run.failed() | lost] = -1
-        marks = run.marks(island, stale, soft, self._fixed)
+        marks = run.marks(island, stale, self._fixed)
         islands = islands_before(count, island, limit_threads(self._team.jobs))
         room = 3 * int(np.diff(self._listed.first).max(initial=0))
         sweep = Sweep(
@@ -450,6 +443,7 @@ class ContactSolver:
             rules=RoundRules(
                 rounds=settings.rounds,
                 reach=_FAR * settings.margin,
+                thickness=2.0 * self._thinnest,
                 friction=settings.friction > 0.0,
             ),
             start=run.start,

@@ -58,10 +58,9 @@ class IntervalOptions(NamedTuple):
 
     substeps: most regular steps that a feather may divide it into by itself, to keep to its
     tolerance. resting: (B,) bodies that are solved only if what touches them asks for it; the
-    report counts no steps of those that were not. yielding: (B,) bodies whose contacts are soft,
-    because they cannot be solved otherwise; what goes too deep comes out later, at the recovery
-    speed. left_out: (B,) bodies whose contacts are left out, because soft ones do not help. led:
-    bodies that the others meet as they meet walls; their states come out as zero.
+    report counts no steps of those that were not. left_out: (B,) bodies whose contacts are left
+    out, because they cannot be solved otherwise; what goes too deep comes out later, at the
+    recovery speed. led: bodies that the others meet as walls; their states come out as zero.
     iterations: of Newton in one solve of a feather, at most. turns: whether points that come around
     a rim stay on the side where they come, against an order. settling: whether all feathers are
     solved as closely as those that touch. lost: m, for all or (B,), misfit of a feather's contacts
@@ -71,7 +70,6 @@ class IntervalOptions(NamedTuple):
 
     substeps: int = 1
     resting: Flags | None = None
-    yielding: Flags | None = None
     left_out: Flags | None = None
     led: LedMotion | None = None
     iterations: int = MAX_CONTACT_ITERATIONS

@@ -18,7 +18,7 @@ from math import sqrt
 from featherfx.algebra.vector_kernels import copy_values, scale
 from featherfx.algebra.views import viewed
 from featherfx.jit.compiled import kernel
-from featherfx.solver.contact.types import APART, LED
+from featherfx.solver.contact.types import APART, FIXED
 from featherfx.solver.step.active_contact_kernels import (
     along_normal,
     barb_place,
@@ -50,13 +50,26 @@ _GRADIENT, _DIRECTION, _IMAGE, _SIZE, _HOLD, _FORCE = 0, 1, 2, 3, 4, 5
 
 @kernel
 def _owner(contact, island, marks):
-    """Return whether guest or host stands for a contact, the guest where it is of the island."""
-    return contact.guest if marks.island[contact.guest] == island else contact.host
+    """Return whether guest or host stands for a contact, the guest where it is solved."""
+    is_guest = marks.island[contact.guest] == island and marks.mine[contact.guest] != 0
+    return contact.guest if is_guest else contact.host
 
 
 @kernel
-def _is_led(contact, marks):
-    return contact.host < 0 or marks.mine[contact.guest] == 0 or marks.mine[contact.host] == 0
+def _is_fixed(contact, marks):
+    """Return whether one side of a contact never gives way, so that there may be no force."""
+    return contact.host < 0 or marks.fixed[contact.guest] != 0 or marks.fixed[contact.host] != 0
+
+
+@kernel
+def _mean_force(contact, marks):
+    """Return the mean of what both bodies felt last of a contact, N; of one with what is led in
+    this interval, what the other felt."""
+    if marks.mine[contact.guest] == 0:
+        return contact.host_force
+    if marks.mine[contact.host] == 0:
+        return contact.guest_force
+    return 0.5 * (contact.guest_force + contact.host_force)
 
 
 @kernel
@@ -72,10 +85,12 @@ def _serves(island, sweep):
     closed, chosen = 0, sweep.joint.last[island] - sweep.joint.first[island]
     for at in range(islands.first[island], islands.first[island + 1]):
         body = islands.bodies[at]
+        if marks.mine[body] == 0 and sweep.joint.counts[body] > 0:
+            return False
         for k in range(listed.first[body], listed.first[body + 1]):
             contact = sweep.touch[listed.items[k]]
             if _owner(contact, island, marks) == body and _is_closed(contact):
-                if contact.joint == APART or _is_led(contact, marks) != (contact.joint == LED):
+                if contact.joint == APART:
                     return False
                 closed += 1 if contact.joint >= 0 else 0
     return closed > 0 and chosen <= _SPARE * closed
@@ -93,15 +108,13 @@ def choose_forces(island, sweep):
     joint.fresh[island] = 1
     for at in range(islands.first[island], islands.first[island + 1]):
         body = islands.bodies[at]
-        if marks.soft[body] != 0:
-            return False
         for k in range(listed.first[body], listed.first[body + 1]):
             contact = touch[listed.items[k]]
             if _owner(contact, island, marks) != body:
                 continue
             contact.joint = APART
             if _is_closed(contact):
-                contact.joint = LED if _is_led(contact, marks) else place
+                contact.joint = FIXED if _is_fixed(contact, marks) else place
             if contact.joint >= 0:
                 joint.chosen[place] = listed.items[k]
                 place += 1
@@ -118,7 +131,8 @@ def _make_room(island, sweep):
     item, weight = 2 * joint.first[island], joint.room[island]
     for at in range(islands.first[island], islands.first[island + 1]):
         body, first = islands.bodies[at], item
-        for k in range(listed.first[body], listed.first[body + 1]):
+        own = 0 if sweep.marks.mine[body] == 0 else listed.first[body + 1] - listed.first[body]
+        for k in range(listed.first[body], listed.first[body] + own):
             place = touch[listed.items[k]].joint
             if place >= 0:
                 joint.items[item] = place
@@ -181,7 +195,7 @@ def _opens(contact, body, grid, nodes):
 
 @kernel
 def _factorise_last(body, g, f, work, sweep):
-    """Have the matrix of a body's last solve, with springs towards what is led, factored; returns
+    """Have the matrix of a body's last solve, with springs towards what is fixed, factored; returns
     whether it can be. g, f: its batch and place."""
     batches, now = sweep.batches, work.now
     model, kept = viewed(batches.model, g), viewed(batches.kept, g)
@@ -194,7 +208,7 @@ def _factorise_last(body, g, f, work, sweep):
     grid = sweep.handing.widest, model.joints.shape[3]
     for k in range(sweep.listed.first[body], sweep.listed.first[body + 1]):
         contact = sweep.touch[sweep.listed.items[k]]
-        if contact.joint == LED:
+        if contact.joint == FIXED:
             _spread(contact, body, contact.stiffness, model.held[f], grid, work)
     return factorise(work.system.band, work.system.panel)
 
@@ -269,7 +283,7 @@ def _begin(island, low, high, sweep):
     size, gradient, total = joint.lines[_SIZE], joint.lines[_GRADIENT], 0.0
     for k in range(low, high):
         contact = touch[joint.chosen[k]]
-        joint.force[k] = 0.5 * (contact.guest_force + contact.host_force)
+        joint.force[k] = _mean_force(contact, sweep.marks)
         gradient[k], size[k] = contact.gap, 0.0
         total += joint.force[k]
     for at in range(islands.first[island], islands.first[island + 1]):
@@ -449,7 +463,7 @@ def solve_forces(island, sweep):
 
 @kernel
 def _shorten(island, low, high, sweep):
-    """Go towards the forces found only as far as no body opens a gap by more than its thickness."""
+    """Go towards the forces found only as far as no body opens a gap by more than a thickness."""
     islands, joint, touch, farthest = sweep.islands, sweep.joint, sweep.touch, 1.0
     for k in range(low, high):
         joint.ahead[k, 0] = joint.ahead[k, 1] = 0.0
@@ -457,12 +471,11 @@ def _shorten(island, low, high, sweep):
         body = islands.bodies[at]
         row = joint.weights_at[body]
         for k in range(joint.counts[body]):
-            contact = touch[joint.chosen[joint.items[joint.items_at[body] + k]]]
-            farthest = max(farthest, abs(_opening(k, body, row, sweep)) / contact.thickness)
+            farthest = max(farthest, abs(_opening(k, body, row, sweep)) / sweep.rules.thickness)
             row += joint.counts[body]
     for k in range(low, high):
         contact = touch[joint.chosen[k]]
-        mean = 0.5 * (contact.guest_force + contact.host_force)
+        mean = _mean_force(contact, sweep.marks)
         joint.force[k] = mean + (joint.force[k] - mean) / farthest
 
 
@@ -489,7 +502,7 @@ def _head(body, bound, sweep):
 def given_force(contact, is_guest, joint):
     """Return the force (N) that a contact is given in a round in which forces are solved together,
     and by how much (m) the other body opens its gap."""
-    if contact.joint == LED:
+    if contact.joint == FIXED:
         return contact.guest_force if is_guest else contact.host_force, 0.0
     if contact.joint == APART:
         return 0.0, 0.0

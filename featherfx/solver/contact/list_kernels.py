@@ -18,7 +18,6 @@ from featherfx.algebra.vector_kernels import add, dot, scale, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.solver.contact.joint_kernels import given_force
 from featherfx.solver.contact.search_kernels import guest_place, side_normal
-from featherfx.solver.contact.types import LED
 
 # least part of a contact that a corner carries: it needs a stiffness to divide by
 _MIN_WEIGHT = 1e-6
@@ -133,21 +132,18 @@ def _stiffen(contact):
 
 
 @kernel
-def residual(body, touch, listed, soft):
+def residual(body, touch, listed):
     """Largest distance of a body's contacts from complementarity, m, the same over what rounds may
     leave, and deepest penetration, m.
 
     A gap that is closed (g < 0) or held shut from both sides with a force counts by its size, a
     misfit of forces by what it would move another round: the springs of what presses a body are
-    together about as stiff as the body. Contacts that yield, with a body that is soft (B,), are as
-    they are, and only deep.
+    together about as stiff as the body.
     """
     worst, open_by, depth = 0.0, 0.0, 0.0
     for at in range(listed.first[body], listed.first[body + 1]):
         contact = touch[listed.items[at]]
         depth = max(depth, contact.spared - contact.gap)
-        if soft[contact.guest] != 0 or (contact.host >= 0 and soft[contact.host] != 0):
-            continue
         force = min(contact.guest_force, contact.host_force)
         wrong = abs(min(contact.gap, force / contact.stiffness))
         mismatch = abs(contact.guest_force - contact.host_force) / contact.stiffness
@@ -237,20 +233,6 @@ def closed_on_led(body, touch, listed, mine):
 
 
 @kernel
-def soften(touch, count, bodies, anew, kept):
-    """Take from all contacts of some bodies (B,) their forces, and all but a part kept of their
-    stiffness. anew: (B,) bodies whose contacts were found anew; those that hold on are soft."""
-    for k in range(count):
-        contact = touch[k]
-        if anew[contact.guest] == 0 and (contact.host < 0 or anew[contact.host] == 0):
-            continue
-        if bodies[contact.guest] == 0 and (contact.host < 0 or bodies[contact.host] == 0):
-            continue
-        contact.guest_force, contact.host_force = 0.0, 0.0
-        contact.stiffness *= kept
-
-
-@kernel
 def add_forces(touch, count, total):
     """Sums of the forces (N) that each body feels, to total (B,)."""
     total[:] = 0.0
@@ -305,9 +287,9 @@ def hand_out_together(body, touch, listed, joint, start, now, rules, planes):
 
 
 @kernel
-def take_felt(body, touch, listed, joint, now, rules, planes):
+def take_felt(body, touch, listed, island, joint, now, rules, planes):
     """Set the forces that a body felt of the planes that hand_out_together wrote, after it was
-    solved."""
+    solved; those of what is led are what it was given. island: (B,) of each body, -1: led."""
     to = 0
     for at in range(listed.first[body], listed.first[body + 1]):
         contact, felt = touch[listed.items[at]], 0.0
@@ -320,12 +302,10 @@ def take_felt(body, touch, listed, joint, now, rules, planes):
                 gap = dot(planes.normal[to], now[body, planes.node[to, 0], p])
                 felt += max(0.0, strength[1] - strength[0] * (gap - planes.offset[to, 1]))
                 to += 1
-        if contact.joint == LED:
-            # as in hand_out
-            if is_guest:
-                contact.host_force = contact.guest_force
-            else:
-                contact.guest_force = contact.host_force
+        other = contact.host if is_guest else contact.guest
+        if other < 0 or island[other] < 0:
+            # no other thread solves that
+            contact.guest_force = contact.host_force = given[0]
         if is_guest:
             contact.guest_force = felt
         else:

@@ -73,8 +73,8 @@ class Batches(NamedTuple):
 
 class Marks(NamedTuple):
     """B bodies of an interval. mine: which are solved, as long as they can be. island: (B,) of
-    those, -1 of others. fresh: to be solved in the first round, whatever contacts. soft: whose
-    contacts yield. active: to be solved in this round. moved: or what they touch, since worst and
+    those, -1 of others. fresh: to be solved in the first round, whatever contacts.
+    active: to be solved in this round. moved: or what they touch, since worst and
     depth, m, of their contacts were looked at, and open_by, how much farther they are off than
     rounds may leave. solves: of each. status: of the solves. fixed:
     led for good (LedMotion)."""
@@ -82,7 +82,6 @@ class Marks(NamedTuple):
     mine: Bytes
     island: Indices
     fresh: Bytes
-    soft: Bytes
     active: Bytes
     moved: Bytes
     worst: Array
@@ -121,10 +120,11 @@ class BodyColours(NamedTuple):
 
 class RoundRules(NamedTuple):
     """rounds: most of an island. reach: m, gap beyond which contacts without a force are left out
-    after the first round. friction: whether there is any."""
+    after the first round. thickness: m, of the thinnest. friction: whether there is any."""
 
     rounds: int
     reach: float
+    thickness: float
     friction: bool
 
 
@@ -308,13 +308,12 @@ class BatchRun:
             unsolved=UNSOLVED_DISTANCE_RATIO,
         )
 
-    def marks(self, island: Indices, fresh: Flags, soft: Bytes, fixed: Bytes) -> Marks:
+    def marks(self, island: Indices, fresh: Flags, fixed: Bytes) -> Marks:
         """Bodies of some islands (B,), -1 for those that are not solved. The others: of Marks."""
         return Marks(
             mine=(island >= 0).astype(np.int8),
             island=island,
             fresh=fresh.astype(np.int8),
-            soft=soft,
             active=np.zeros(len(island), dtype=np.int8),
             moved=np.ones(len(island), dtype=np.int8),
             worst=np.zeros(len(island)),

@@ -168,7 +168,8 @@ def _advance(body, thread, reach, frame, together, sweep):
     if together:
         rules = _handing(reach, False, sweep)
         planes = loads.contacts
-        take_felt(body, sweep.touch, sweep.listed, sweep.joint, sweep.now, rules, planes)
+        island = marks.island
+        take_felt(body, sweep.touch, sweep.listed, island, sweep.joint, sweep.now, rules, planes)
     else:
         update(body, sweep.touch, sweep.listed, sweep.now)
     first, near = sweep.touching
@@ -229,7 +230,7 @@ def _look(body, number, sweep):
         marks.moved[body] = 0
         if number >= _PATIENCE:
             share_pinch(body, sweep.touch, sweep.listed, marks.fixed)
-        found = residual(body, sweep.touch, sweep.listed, marks.soft)
+        found = residual(body, sweep.touch, sweep.listed)
         marks.worst[body], marks.open_by[body], marks.depth[body] = found
     again = marks.open_by[body] > 1.0
     if number == 0:

@@ -23,9 +23,9 @@ RIM_SAMPLES = 4
 # Forces, N, that guest and host feel; stiffness, N/m, of the spring that each of them is pressed
 # against, and stiffest: that it may become; leeway: m, misfit that rounds may leave; before: m, its
 # gap one solve ago. place_start, place_now: m, of the host's point; guest_now: the guest's. joint:
-# its place among the forces that are solved together (JointForces), LED where what is led presses
-# it, else APART.
-LED, APART = -2, -1
+# its place among the forces that are solved together (JointForces), FIXED where what never
+# gives way presses it, else APART.
+FIXED, APART = -2, -1
 CONTACT_DTYPE = np.dtype(
     [(name, "i8") for name in ("pair", "row", "column", "point", "guest", "host", "side", "mirror")]
     + [("corner", "i8", (3, 2)), ("weight", "f8", (3,)), ("normal", "f8", (3,))]
