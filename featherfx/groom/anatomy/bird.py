@@ -22,7 +22,7 @@ from featherfx.groom.anatomy.drape import Beneath, Body, beneath, lie_on
 from featherfx.groom.anatomy.fans import TAIL_THINNING, closed_fan
 from featherfx.groom.anatomy.landmarks import Points, axes_of, check_on_skin, distance
 from featherfx.groom.anatomy.remiges import coated_rows, on_skin, shut
-from featherfx.groom.anatomy.wing import skin_of_wing, wing_type
+from featherfx.groom.anatomy.wing import BENT_HEIGHT, skin_of_wing, wing_type
 from featherfx.groom.anatomy.wing_skin import WingParts, WingSkin
 from featherfx.groom.frames import along_polyline
 from featherfx.groom.keys.anatomy import TRACTS, CovertRow, PartOfBody, WingType
@@ -223,7 +223,7 @@ def _lying(wings: list[dict[str, Any]], body: Body, at: Place) -> list[dict[str,
         return wings
     shoulder = np.array(right["shoulder"])
     rows = right["type"].coverts if right["below"] else ()
-    below = right["scale"] * sum(row.gap for row in rows if row.side == "below")
+    below = BENT_HEIGHT * right["scale"] * sum(row.gap for row in rows if row.side == "below")
     kind, sheet, misses = lie_on(right["type"], shoulder, right["scale"], body, below)
     if misses:
         warn_input(

@@ -46,7 +46,7 @@ from featherfx.groom.types import FeatherKind, Joint, Turning
 _BONES = ("shoulder", "elbow", "wrist")
 _SINGULAR = {"tertials": "tertial", "secondaries": "secondary", "primaries": "primary"}
 _ALULA = (0.02, 0.2)
-_BENT = 1.12  # of the height of rows over a flat wing, that over a bent sheet; free of crossings
+BENT_HEIGHT = 1.12  # of the height of rows over a flat wing, that over a bent sheet; free of crossings
 _QUILL_ROOM = 0.4  # of a quill's diameter, at least from root to root
 
 
@@ -424,7 +424,7 @@ def _on_sheet(closed: _Closed, row: _Row) -> tuple[Array, Array, Array]:
     """A row of a folded wing before rolls, as of `Sheet.lay`."""
     remiges, wing = closed.remiges, closed.wing
     frames = frames_at(wing.bones, remiges.angles[row.own])
-    heights = _BENT * row.height - wing.scale * wing.kind.lift * depths(remiges)[row.own]
+    heights = BENT_HEIGHT * row.height - wing.scale * wing.kind.lift * depths(remiges)[row.own]
     shift = heights[:, None] * frames[:, :, 2] - row.forward[:, None] * frames[:, :, 0]
     roots = remiges.roots[row.own] + shift
     return closed.sheet.lay(roots, frames[:, :, 0], row.lengths)
