@@ -23,7 +23,7 @@ from featherfx.groom.anatomy.drape import Body
 from featherfx.groom.anatomy.landmarks import axes_of
 from featherfx.groom.anatomy.pose import folded
 from featherfx.groom.anatomy.remiges import lying
-from featherfx.groom.anatomy.wing import wing_type
+from featherfx.groom.anatomy.wing import BENT_HEIGHT, wing_type
 from featherfx.groom.keys.anatomy import TRACTS
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.library import Library
@@ -283,6 +283,19 @@ def test_folded_wings_stay_off_the_body_as_far_as_their_type_says(bird, clear):
     assert np.percentile(gaps, drape._NEAREST) == pytest.approx(
         clear * max(kind.primaries.lengths), rel=0.15
     )
+
+
+def test_folded_wings_that_open_have_room_for_their_under_coverts(bird, tmp_path):
+    """As much as they lie farther below a bent sheet than below a flat wing."""
+    body, room = Body(bird.skin, np.eye(3), np.zeros(3)), []
+    row = 'name = "under", kind = "lesser_covert", side = "below", length = 0.2'
+    for gap in (0.002, 0.02):
+        rows = f"wing.bands = [], wing.coverts = [{{ {row}, chord_position = 0.5, gap = {gap} }}]"
+        kind = f'type = {{ base = "pigeon", {rows}, {BARE} }}\nopens = true'
+        groom = read_groom(changed(tmp_path, r"^type.*", kind))
+        under = np.array([f.position for f in groom.feathers if "_wing_under_" in f.id])
+        room.append(np.percentile(body.gaps(under), drape._NEAREST))
+    assert room[1] - room[0] > (BENT_HEIGHT - 1.0) * (0.02 - 0.002)
 
 
 def test_tips_of_folded_wings_are_as_far_apart_as_their_type_says(bird):

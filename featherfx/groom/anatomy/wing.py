@@ -46,7 +46,7 @@ from featherfx.groom.types import FeatherKind, Joint, Turning
 _BONES = ("shoulder", "elbow", "wrist")
 _SINGULAR = {"tertials": "tertial", "secondaries": "secondary", "primaries": "primary"}
 _ALULA = (0.02, 0.2)
-BENT_HEIGHT = 1.12  # of the height of rows over a flat wing, that over a bent sheet; free of crossings
+BENT_HEIGHT = 1.12  # of rows, over that over a flat wing, of a bent sheet; free of crossings
 _QUILL_ROOM = 0.4  # of a quill's diameter, at least from root to root
 
 
