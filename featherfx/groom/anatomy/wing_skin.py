@@ -32,9 +32,10 @@ _NEAR = 0.03  # of the span, within which skin lies over a place of the plan
 _FLATTEST = 0.15  # of the span, that skin may be off the plan of its bones
 _THERE, _MIDDLE = 0.5, 0.3  # of flight feathers, that have skin there, and of their lengths
 _FRONT = 0.3  # of the way from bones to leading edge, from which on small coverts are a coat
-_BESIDE = 0.03  # of the span, from the innermost feather to the coat beside it; by eye
+_BESIDE = 0.07  # of the span, from the innermost feather to the coat beside it; by eye
 _STATIONS = 40  # along its edges
 _BEYOND = 0.04  # of its length, that a flight feather reaches beyond the edge; by eye
+_WIDEST = 2.5  # of a vane's width; by eye
 _AHEAD = 1.5  # of the square way from bone to leading edge, to it along a feather at most
 _CLEAR = 0.002  # of the span, from the skin to the lowest row on either side; by eye
 _ROOT_SHARE = 0.4  # of the height of a row over the wing, that its roots have; by eye
@@ -72,15 +73,19 @@ class WingSkin:
     edges: Array
     parts: WingParts
 
-    def fit(self, remiges: Remiges, bones: WingBones) -> Remiges:
-        """Flight feathers that reach from the bones to the edge behind, and what is ahead."""
+    def fit(self, remiges: Remiges, bones: WingBones, usual: Array) -> Remiges:
+        """Flight feathers that reach from the bones to the edge behind, and what is ahead.
+
+        Vanes are as wide as roots stand apart. usual: (3,) m, bones at their size.
+        """
         ways = frames_at(bones, remiges.angles)[:, :, 0] @ self.axes[:, :2]
         roots = (remiges.roots - self.origin) @ self.axes[:, :2]
         behind = (1.0 + _BEYOND) * self._way_to_edge(roots, ways)
         lead = np.interp(roots[:, 0], self.edges[0], self.edges[1])
         square = np.maximum(roots[:, 1] - lead, 0.0)
         ahead = np.minimum(self._way_to_edge(roots, -ways), _AHEAD * square)
-        widening = np.maximum(remiges.lengths / behind, 1.0)
+        apart = (bones.lengths / usual)[remiges.bone]
+        widening = np.clip(apart * remiges.lengths / behind, 1.0, _WIDEST)
         return replace(remiges, lengths=behind, forward=ahead, widening=widening)
 
     def _way_to_edge(self, roots: Array, ways: Array) -> Array:
