@@ -152,14 +152,14 @@ def test_studies_that_were_not_run_stay_on_the_page(tmp_path):
     page = tmp_path / "page.md"
     report.write_markdown(page, done, "1")
     first = page.read_text()
-    more = report.run_all(study.studies(["fibre_merging"]), tmp_path, compile_first=())
+    more = report.run_all(study.studies(["frequencies"]), tmp_path, compile_first=())
     report.write_markdown(page, more, "1")
     text = page.read_text()
     row = next(line for line in first.splitlines() if "shortening / L" in line)
     assert row in text.splitlines()
-    assert text.index("`elastica`") < text.index("`fibre_merging`")
+    assert text.index("`elastica`") < text.index("`frequencies`")
     kept = json.loads((tmp_path / "page" / report.RECORD_FILE).read_text())["studies"]
-    assert list(kept) == ["elastica", "fibre_merging"]
+    assert list(kept) == ["elastica", "frequencies"]
     assert report.moved(done, {"studies": kept}) == []
 
 
