@@ -170,6 +170,7 @@ def test_a_wing_goes_with_its_body_where_the_skin_at_its_shoulder_bends(shot, tm
             'prim = "/bird/still"',
             r"motion.joints: drives the skeleton of a \[skin\]",
         ),
+        ('prim = "/bird/body"', 'prim = "/bird/bdy"', "skin.*bdy"),
     ],
 )
 def test_a_map_of_joints_that_cannot_be(shot, tmp_path, before, after, message):

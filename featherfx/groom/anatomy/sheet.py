@@ -2,9 +2,9 @@
 
 A folded wing is no board. Its plan, drawn in the plane of its bones, is laid on a sheet that has
 one curvature across its feathers and one along them. Each feather touches it at its middle, as
-hollow and as arched, so that feathers that lay on each other in the plan still do. How it is
-carried belongs to the forearm: while a fan opens, all that turned as one still does. An open wing
-is flat, and bends late as it folds, when its fan is nearly closed.
+hollow and as arched, so that feathers that lay on each other in the plan still do. Each carries
+along how the sheet bends it; by how far the sheet stands off the shoulder goes with the body. An
+open wing is flat at its shoulder, and comes to the sheet in proportion to its fold.
 
 Over a body the sheet is that nearest to an envelope: ellipses, one in each section of the trunk, a
 clearance off the skin. There the plan goes by Fermi's coordinates: u along the middle of the back,

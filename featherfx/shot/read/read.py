@@ -139,7 +139,8 @@ def _collect(
     limbs &= moves_skin or any(feather.turning is not None for feather in groom.feathers)
     if motion is not None and moves_skin:
         surfaces = scenes["surfaces"] and scenes["surfaces"].surfaces
-        check_driven(motion, groom, surfaces, place.child("motion").child("joints"))
+        if surfaces or parts["skin"] is None:  # else it could not be read, and is told
+            check_driven(motion, groom, surfaces, place.child("motion").child("joints"))
         groom = with_body_joints(groom, motion.values["joints"], surfaces or ())
     if motion is not None and "motion" in raw and parts["skin"] is not None and not limbs:
         message = (
