@@ -343,7 +343,7 @@ def test_velocities_on_a_slow_skin_have_no_noise_of_single_precision(sheet_shot,
     assert np.percentile(off, 99) < 0.03 * rms
 
 
-@pytest.mark.parametrize(("length", "roll"), [(0.006, 40.0), (0.03, 0.5)])
+@pytest.mark.parametrize(("length", "roll"), [(0.006, 40.0), (0.03, 0.45)])
 def test_a_channel_rolls_feathers_as_far_as_leaves_leave_room(sheet_shot, length, roll):
     turned = {}
     for angle in (0, 40):
@@ -420,7 +420,7 @@ def test_feathers_that_channels_raise_stay_in_order(pitch, chosen):
 
 def test_barbs_that_channels_raise_from_a_hollow_do_not_turn_over():
     """Normals of a hollow meet over it, at less than half of the length of its feathers."""
-    parts = plumage(lambda points, time: points, hollow=12.0, above=np.empty((0, 3)))
+    parts = plumage(lambda points, time: points, hollow=10.5, above=np.empty((0, 3)))
     placements, drawn, _ = parts
     led = np.array([each.rotation for each in placements])
     led = led @ vectors_to_frames(np.array([0.0, -np.radians(60.0), 0.0]))
