@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from featherfx.algebra.element_kernels import fill_normals
+from featherfx.algebra.surface_elements import find_vertex_normals
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots
 from featherfx.groom.skin.field import search_tree
@@ -39,8 +39,7 @@ def refine(points: Array, faces: Indices, roots: Array, lengths: Array) -> tuple
         long = (size > _LONGEST * lengths[near]) & (away < 0.5 * size + _REACH * lengths[near])
         if not long.any():
             break
-        normals = np.empty_like(points)
-        fill_normals(points, faces, normals)
+        normals = find_vertex_normals(points, faces)
         first, last = (normals[edges[:, k]] for k in range(2))
         lean = dots(a - b, first)[:, None] * first + dots(b - a, last)[:, None] * last
         number = np.where(long, len(points) + np.cumsum(long) - 1, -1)

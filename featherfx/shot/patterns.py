@@ -5,14 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING
 
 from featherfx.algebra.types import Indices
 from featherfx.groom.types import Placement
 from featherfx.shot.types import Contact, Shot, SomeFeathers
-
-if TYPE_CHECKING:
-    pass
 
 
 def fits(entry: SomeFeathers, placement: Placement) -> bool:

@@ -53,7 +53,7 @@ def make_bird(path, wings):
         [[(x, y, z), (x, y + 0.4 * c, z + THICK * c), (x, y + c, z), (x, y + 0.4 * c, z - 0.02 * c)]
          for x, y, z, c in WING]
     )  # fmt: skip
-    for sign in (1, -1) if wings else ():
+    for sign in wings:
         parts.append(tube((sections * (sign, 1, 1))[:, ::sign]))
     stage = Usd.Stage.CreateNew(str(path))
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
@@ -71,16 +71,20 @@ def make_bird(path, wings):
     stage.Save()
 
 
-def groom_of(folder, wings=True):
+def groom_of(folder, wings=(1, -1)):
+    write_groom(folder, wings)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)  # its parts pass through each other
+        return read_groom(folder / "groom.toml", (), scene_readers())
+
+
+def write_groom(folder, wings):
     make_bird(folder / "bird.usda", wings)
     text = (
         'name = "bird"\n[skin]\nusd = "bird.usda"\nprim = "/bird"\n[space]\nof = "skin"\n'
         f'left = "x"\n[bird]\ntype = "gull"\nup = [0, 0, 1]\n[bird.landmarks]\n{LANDMARKS}'
     )
     (folder / "groom.toml").write_text(text)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", InputWarning)  # its parts pass through each other
-        return read_groom(folder / "groom.toml", (), scene_readers())
 
 
 @pytest.fixture(scope="module")
@@ -136,5 +140,15 @@ def test_the_coat_of_the_body_leaves_wings_to_their_rows_and_small_coverts(groom
 
 
 def test_a_body_without_wings_has_those_of_its_type(tmp_path):
-    bird = groom_of(tmp_path, wings=False)
+    bird = groom_of(tmp_path, wings=())
+    assert {"alula", "lesser_covert_1s"} <= {f.region for f in bird.feathers}
+
+
+def test_a_skin_with_one_wing_is_told(tmp_path):
+    write_groom(tmp_path, (1,))
+    with pytest.warns(InputWarning) as told:
+        bird = read_groom(tmp_path / "groom.toml", (), scene_readers())
+    said = [str(each.message) for each in told if "wing beneath" in str(each.message)]
+    assert len(said) == 1
+    assert "bird: the skin has no right wing beneath its flight feathers" in said[0]
     assert {"alula", "lesser_covert_1s"} <= {f.region for f in bird.feathers}

@@ -23,7 +23,7 @@ from featherfx.groom.anatomy.fans import TAIL_THINNING, closed_fan
 from featherfx.groom.anatomy.landmarks import Points, axes_of, check_on_skin, distance
 from featherfx.groom.anatomy.remiges import coated_rows, on_skin, shut
 from featherfx.groom.anatomy.wing import BENT_HEIGHT, skin_of_wing, wing_type
-from featherfx.groom.anatomy.wing_skin import WingParts, WingSkin
+from featherfx.groom.anatomy.wing_skin import WingSkin
 from featherfx.groom.frames import along_polyline
 from featherfx.groom.keys.anatomy import TRACTS, CovertRow, PartOfBody, WingType
 from featherfx.groom.keys.limbs import CREST_KEYS, TAIL_KEYS, WING_KEYS
@@ -125,29 +125,23 @@ def hatch(
         (at.child("type.disc"), {**each, "where": each["where"] + bare}) for each in disc.regions
     ]
     parts_of = kind["tracts"] | dict.fromkeys(shoulders, _small_coverts(wing, coats))
-    thigh = parts_of["thigh"]
-    parts_of["crural"] = thigh | {
-        "length": _CRURAL[0] * thigh["length"],
-        "relative_density": _CRURAL[1] * thigh["relative_density"],
-    }
+    parts_of["crural"] = _crural(parts_of["thigh"])
+    off_wings = tuple(_off_wing(each["on"]) for each in wings if "on" in each)
     for name in (*TRACTS, "crural", "cheek", *shoulders):
         if len(sites.get(name, ())) and parts_of[name]["relative_density"] > 0.0:
             region = _region(name, parts_of[name], sites, points, scale)
-            region["where"] += bare + disc.outside + (above if name == "scapular" else ())
-            off_wings = tuple(_off_wing(each["on"]) for each in wings if "on" in each)
-            region["where"] += off_wings
+            region["where"] += bare + disc.outside + off_wings
+            region["where"] += above if name == "scapular" else ()
             if off_wings and name not in _LEG:  # a current would turn back on wings
-                region["flow"] = _filled(
-                    FLOW_KEYS, direction=tuple(points["tail"] - points["beak"])
-                )
+                back = tuple(points["tail"] - points["beak"])
+                region["flow"] = _filled(FLOW_KEYS, direction=back)
             parts["region"].append((at.child(f"type.tracts.{name}"), region))
-    for each in wings:
-        if "on" in each and coats:
-            name = f"{each['side']}_wing_{coats[0].name}"
-            region = _wing_coat(
-                name, _small_coverts(wing, coats), scale, each["on"].parts, axes @ _OVER_EDGE
-            )
-            parts["region"].append((at.child("type.wing"), region))
+    if off_wings and coats:
+        small, back = _small_coverts(wing, coats), axes @ _OVER_EDGE
+        parts["region"] += [
+            (at.child("type.wing"), _wing_coat(coats[0].name, small, scale, each, back))
+            for each in wings
+        ]
     if parts["layout"] is None:
         parts["layout"] = _filled(LAYOUT_KEYS)
     return {
@@ -242,12 +236,18 @@ def _on_skin(
     """Both wings on the skin, where landmarks pose them and it has both."""
     if skin is None or wings[0]["fold"] is not None:
         return wings
-    found = [skin_of_wing(each, at, axes, skin.corners) for each in wings]
-    if any(each is None for each in found):
+    found = {each["side"]: skin_of_wing(each, at, axes, skin.corners) for each in wings}
+    if missing := [side for side, each in found.items() if each is None]:
+        if len(missing) == 1:
+            warn_input(
+                f"{at.source}: {at.key}: the skin has no {missing[0]} wing beneath its flight "
+                "feathers, so both wings stand as without. Check the landmarks of that wing",
+                3,
+            )
         return wings
     return [
         wing | {"type": on_skin(wing["type"]), "on": own}
-        for wing, own in zip(wings, found, strict=True)
+        for wing, own in zip(wings, found.values(), strict=True)
     ]
 
 
@@ -257,11 +257,17 @@ def _off_wing(skin: WingSkin) -> dict[str, Any]:
     return _filled(WHERE_KEYS, nearest={"to": _tuples(skin.parts.rest), "than": _tuples(own)})
 
 
+def _crural(thigh: dict[str, Any]) -> dict[str, Any]:
+    """The lower leg, as the thigh is."""
+    factors = zip(("length", "relative_density"), _CRURAL, strict=True)
+    return thigh | {key: factor * thigh[key] for key, factor in factors}
+
+
 def _wing_coat(
-    name: str, kind: dict[str, Any], scale: float, parts: WingParts, back: Array
+    row: str, kind: dict[str, Any], scale: float, wing: dict[str, Any], back: Array
 ) -> dict[str, Any]:
     """Small coverts on the front of a wing that the skin has. back: (3,)."""
-    length = scale * kind["length"]
+    length, parts, name = scale * kind["length"], wing["on"].parts, f"{wing['side']}_wing_{row}"
     near = {"to": _tuples(parts.front), "than": _tuples(np.concatenate(parts[1:]))}
     where = (_filled(WHERE_KEYS, nearest=near, soft=0.2 * length),)
     own = {key: kind[key] for key in ("kind", "relative_density", "width", "tilt", "curl")}
