@@ -18,7 +18,7 @@ from featherfx.errors import Problem, all_of, require
 from featherfx.feather.build import distinct_shapes
 from featherfx.feather.density import with_detail
 from featherfx.feather.placed_feathers import build_feathers
-from featherfx.feather.profiles import barb_diameters, hooked_fraction, in_cells
+from featherfx.feather.profiles import at_places, barb_diameters, hooked_fraction, in_cells
 from featherfx.feather.types import Array, BarbCurves, Feather, RowMap
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.looks import look_text
@@ -300,9 +300,16 @@ def metadata_of(groom: Groom, quality: Quality) -> dict[str, Any]:
     told = {"featherfx": __version__, "groom": groom.name, "quality": quality.name}
     x, y, _ = groom.forward
     heading = {} if x == 1.0 else {"heading": float(np.degrees(np.arctan2(y, x)))}
-    return (
-        told | heading | {"thickness": max(p.kind.vane_material.thickness for p in groom.feathers)}
-    )
+    moduli: dict[str, dict[str, float]] = {"kind_moduli": {}, "id_moduli": {}}
+    places = np.linspace(0.0, 1.0, 101)
+    for each in groom.feathers:
+        material = each.kind.rachis_material
+        mean = float(np.mean(at_places(material.modulus_profile, places)))
+        own = material.youngs_modulus * mean
+        if moduli["kind_moduli"].setdefault(each.kind.name, own) != own:
+            moduli["id_moduli"][each.id] = own
+    thickness = max(each.kind.vane_material.thickness for each in groom.feathers)
+    return told | heading | moduli | {"thickness": thickness}
 
 
 def scenery_of(shot: Shot, path: Path, bodies: Bodies) -> dict[str, Any]:

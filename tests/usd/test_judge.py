@@ -20,7 +20,8 @@ from featherfx.feather.types import RowPoints, both, turned
 from featherfx.usd.check import judge_kernels
 from featherfx.usd.check.bounds import (
     BINS_PER_OCTAVE,
-    MAX_STRAIN,
+    KERATIN_MODULUS,
+    MAX_STRESS,
     MIN_EXPONENT,
     OCTAVES,
     list_passed_bounds,
@@ -137,8 +138,21 @@ def test_a_barb_that_is_stretched_alone_is_no_rachis(damaged, sound):
     assert report["lengths"]["worst"][0]["part"] == "barb"
 
 
-@pytest.mark.parametrize("turn", [2.0, 60.0])
-def test_a_bent_rachis_is_strained_by_half_its_height_times_its_curvature(tmp_path, turn):
+@pytest.mark.parametrize(
+    ("turn", "told", "modulus"),
+    [
+        (2.0, {}, KERATIN_MODULUS),
+        (60.0, {}, KERATIN_MODULUS),
+        (20.0, {"kind_moduli": 8e9}, 8e9),
+        (20.0, {"kind_moduli": 9e9, "id_moduli": 5e9}, 5e9),
+        # softer material bears no more; and what is no number
+        (20.0, {"kind_moduli": 34e6}, KERATIN_MODULUS),
+        (20.0, {"kind_moduli": "stiff"}, KERATIN_MODULUS),
+    ],
+)
+def test_a_bent_rachis_is_strained_by_half_its_height_times_its_curvature(
+    tmp_path, turn, told, modulus
+):
     """A straight tube becomes an arc of a circle, about y: as a beam is bent."""
 
     def bent(rest):
@@ -155,7 +169,9 @@ def test_a_bent_rachis_is_strained_by_half_its_height_times_its_curvature(tmp_pa
 
     entry, path = feathers.entries()[0], tmp_path / "bent.usdc"
     still = both(np.zeros_like, entry.rest_points)
-    with CacheWriter(path, [entry], (1, 2), RATE) as writer:
+    name = {"id_moduli": entry.id, "kind_moduli": entry.kind}
+    notes = {key: {name[key]: value} for key, value in told.items()}
+    with CacheWriter(path, [entry], (1, 2), RATE, metadata=notes) as writer:
         for number, pose in enumerate((entry.rest_points, bent(entry.rest_points)), 1):
             writer.write(feathers.frame_of(number, number / RATE, [pose], [still]))
     report = judge_cache(path)
@@ -163,10 +179,12 @@ def test_a_bent_rachis_is_strained_by_half_its_height_times_its_curvature(tmp_pa
     # chords are shorter than the arc, and turn by what its sine is
     stretch = 1.0 - 2.0 * np.sin(step / 2.0) / step
     expected = feathers.RADIUS * turn * np.sin(step) / step + stretch
-    assert report["strain_worst"]["strain"] == pytest.approx(expected, rel=0.02)
-    assert report["strain_worst"]["frame"] == 2.0
-    told = [text for text in report["bounds_passed"] if "J/kg" in text]
-    assert bool(told) == (expected > MAX_STRAIN)
+    found = report["strain_worst"]
+    assert found["strain"] == pytest.approx(expected, rel=0.02)
+    assert found["energy"] == pytest.approx(0.5 * modulus * expected**2 / 1150.0, rel=0.04)
+    assert found["frame"] == 2.0
+    sentences = [text for text in report["bounds_passed"] if "J/kg" in text]
+    assert bool(sentences) == (expected > MAX_STRESS / modulus)
 
 
 @pytest.mark.parametrize("away", [0.05, 0.2])

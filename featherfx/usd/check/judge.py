@@ -6,7 +6,7 @@ thread measures one prim after the other, of which five samples are in memory.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import pairwise, takewhile
@@ -30,6 +30,7 @@ from featherfx.usd.check.bounds import (
     MAX_LENGTH_ERROR,
     MAX_ROOT_JUMP_RATIO,
     MAX_SIMULATED_LENGTH_ERROR,
+    MAX_STRESS,
     MAX_UNEXPLAINED_RATIO,
     MAX_UNRESOLVED_SPEED,
     MIN_EXPONENT,
@@ -37,7 +38,7 @@ from featherfx.usd.check.bounds import (
     USUAL_THICKNESS,
     list_passed_bounds,
 )
-from featherfx.usd.check.tracks import BARB, RACHIS, Track, find_tracks
+from featherfx.usd.check.tracks import BARB, RACHIS, Track, TrackedFeather, find_tracks
 from featherfx.usd.read.opening import open_stage, read_note, read_scenery
 from featherfx.usd.read.values import usd_errors
 
@@ -121,6 +122,7 @@ def judge_cache(
         from featherfx.usd.check.skins import SkinDepths  # no shot without a skin needs it
 
         depths = SkinDepths(stage, Path(path), tracks, max_skin_frames)
+    moduli = _read_moduli(stage, [label for track in tracks for label in track.labels])
     total = len(tracks) + (depths.count if depths else 0)
     measure = partial(measure_track, per_second=stage.GetTimeCodesPerSecond())
     stopped = Event()
@@ -138,7 +140,7 @@ def judge_cache(
         finally:
             stopped.set()
             pool.shutdown(cancel_futures=True)
-    told = judge.report(simulated, _read_thickness(stage))
+    told = judge.report(simulated, _read_thickness(stage), moduli)
     told["skin_depth"]["frames"] = depths.count if depths else 0
     return told | {"bounds_passed": list(list_passed_bounds(told))}
 
@@ -147,6 +149,17 @@ def _read_thickness(stage: Any) -> float:
     """Return the thickness of vanes, m, that a cache tells of."""
     found = read_note(stage, "thickness", USUAL_THICKNESS)
     return found if found > 0.0 else USUAL_THICKNESS
+
+
+def _read_moduli(stage: Any, labels: Iterable[TrackedFeather]) -> dict[str, float]:
+    """Return the moduli of rachises, Pa, by id, as a cache tells them of feathers or kinds;
+    KERATIN_MODULUS where it tells nothing or of softer ones."""
+    ids, kinds = (read_note(stage, f"{name}_moduli", {}) for name in ("id", "kind"))
+    told = {each.id: ids.get(each.id, kinds.get(each.kind)) for each in labels}
+    return {
+        id: max(each, KERATIN_MODULUS) if isinstance(each, float) else KERATIN_MODULUS
+        for id, each in told.items()
+    }
 
 
 class TrackMeasures:
@@ -266,8 +279,11 @@ class Judge:
             for whole, own in zip(self._worst, worst, strict=True):
                 whole[places[larger], kind] = own[larger, kind]
 
-    def report(self, simulated: Collection[str], thickness: float) -> dict[str, Any]:
-        """Return all measures. simulated: as of judge_cache. thickness: m, of vanes."""
+    def report(
+        self, simulated: Collection[str], thickness: float, moduli: Mapping[str, float]
+    ) -> dict[str, Any]:
+        """Return all measures. simulated: as of judge_cache. thickness: m, of vanes. moduli: Pa, of
+        rachises by id."""
         value = self._worst.value
         stretches = value[:, [RACHIS, BARB]].max(axis=1, initial=0.0)
         known = frozenset(simulated)
@@ -294,7 +310,7 @@ class Judge:
                 "unexplained": int((value[:, _UNEXPLAINED] > MAX_JUMP).sum()),
                 "worst_unexplained": self._largest(_UNEXPLAINED),
             },
-            "strain_worst": self._strain(),
+            "strain_worst": self._strain(moduli),
             "skin_depth": self._depth(thickness),
             "velocity_mismatch": mismatch,
             "velocity_unexplained": unexplained,
@@ -309,14 +325,17 @@ class Judge:
         value = self._worst.value[:, kind]
         return self._told(int(value.argmax()), kind) if value.max(initial=0.0) > 0.0 else None
 
-    def _strain(self) -> dict[str, Any] | None:
-        """Return the largest strain of a rachis, with the energy of keratin strained so, J/kg."""
-        worst = self._largest(_STRAIN)
-        if worst is None:
+    def _strain(self, moduli: Mapping[str, float]) -> dict[str, Any] | None:
+        """Return the strain of the rachis that comes nearest to what it bears, that bound, and the
+        energy of keratin strained so, J/kg."""
+        own = np.array([moduli[id] for id in self._names])
+        stress = own * self._worst.value[:, _STRAIN]
+        if not stress.any():
             return None
+        worst, modulus = self._told(int(stress.argmax()), _STRAIN), float(own[stress.argmax()])
         strain = worst.pop("of_length")
-        energy = 0.5 * KERATIN_MODULUS * strain**2 / KERATIN_DENSITY
-        return worst | {"strain": strain, "energy": energy}
+        energy = 0.5 * modulus * strain**2 / KERATIN_DENSITY
+        return worst | {"strain": strain, "bound": MAX_STRESS / modulus, "energy": energy}
 
     def _depth(self, thickness: float) -> dict[str, Any]:
         """Return the largest depth of a vane in the skin, m, and how many feathers are too deep."""

@@ -94,9 +94,10 @@ class Track:
 
 
 class TrackedFeather(NamedTuple):
-    """Id and region of a feather, and how many points of its prim are its own."""
+    """Id, kind and region of a feather, and how many points of its prim are its own."""
 
     id: str
+    kind: str
     region: str
     points: int
 
@@ -147,7 +148,7 @@ def _condensed_track(stage: Any) -> Track:
         np.concatenate([feather.side for feather in each]),
         np.concatenate([feather.st for feather in each]),
     )
-    labels = [TrackedFeather(own.id, own.region, len(own.st)) for own in each]
+    labels = [TrackedFeather(own.id, own.kind, own.region, len(own.st)) for own in each]
     return _track(labels, shape, _ExpansionReader(expansion))
 
 
@@ -202,15 +203,18 @@ def _read_labels(prim: Any, count: int) -> list[TrackedFeather]:
     if min(sizes) < 0 or sum(sizes) != count or len(sizes) != len(ids):
         message = f"names {len(ids)} feathers of {sum(sizes)} points. The prim has {count}"
         raise fault(prim.GetAttribute("primvars:featherId"), message)
-    primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar("region")
-    values = primvar.ComputeFlattened() if primvar.HasValue() else None
     elements = prim.GetAttribute(f"{RANGES_PREFIX}:faces") or prim.GetAttribute(
         f"{RANGES_PREFIX}:curves"
     )
     first = read_array(elements, DEFAULT_TIME, _RANGES)
     places = np.zeros(len(ids), dtype=int) if first is None else first[:, 0]
-    regions = [str(values[k]) if values and k < len(values) else "" for k in places.tolist()]
-    return [TrackedFeather(*each) for each in zip(ids, regions, sizes, strict=True)]
+    texts = []
+    for name in ("featherKind", "region"):
+        primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar(name)
+        values = primvar.ComputeFlattened() if primvar.HasValue() else None
+        own = [str(values[k]) if values and k < len(values) else "" for k in places.tolist()]
+        texts.append(own)
+    return [TrackedFeather(*each) for each in zip(ids, *texts, sizes, strict=True)]
 
 
 def _find_owners(labels: Sequence[TrackedFeather]) -> Indices:
