@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from contact_cases import free_feathers, solver_of
 
 from featherfx.mechanics.model import no_loads
-from featherfx.shot.contact import settle
 from featherfx.solver.contact.interval_options import IntervalOptions
 from featherfx.solver.state import hold_roots
 
@@ -54,38 +51,3 @@ def test_a_step_in_which_one_feather_fails_ends_with_its_first_search(monkeypatc
         assert report.status[2] == 0
         searches.append(len(found))
     assert searches[0] == 1 < searches[1]
-
-
-def test_a_length_that_failed_twice_is_not_tried_again(monkeypatch):
-    """Steps of settling of which none longer than most can be solved, and that never come to
-    rest."""
-    most, asked = 0.02, []
-
-    class Steps:
-        stuck = np.zeros(2, dtype=np.bool_)
-
-        def __init__(self, *given):
-            pass
-
-        def take(self, states, h, resting, apart):
-            asked.append(h)
-            length = h
-            while length > most:
-                length *= settle.CUT
-            new = [each.copy() for each in states]
-            new[0].points.nodes[...] += 1.0
-            report = SimpleNamespace(depth=0.0, start_depth=0.0, deep=np.zeros(2))
-            return new, report, np.full(2, length)
-
-    monkeypatch.setattr(settle, "_Steps", Steps)
-    _, state = free_feathers("swan_primary", [[0, 0, 0], [0, 1, 0]], **GRID)
-    alone = SimpleNamespace(beside=lambda states, time: states)
-    solver = SimpleNamespace(settings=SimpleNamespace(tolerance=1e-5))
-    settle.settled_together(
-        solver, SimpleNamespace(begun=False), [state], [], ["a", "b"], np.zeros(2), alone
-    )
-    stages = [asked[k * settle.MAX_STEPS : (k + 1) * settle.MAX_STEPS] for k in range(3)]
-    assert stages[0] == [0.01] * settle.MAX_STEPS
-    for stage in stages[1:]:
-        assert sum(each > most for each in stage) == 2
-        assert stage[-1] <= most
