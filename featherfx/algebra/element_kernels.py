@@ -1,8 +1,20 @@
 """Linear finite elements of a mesh whose points move (surface_elements.py)."""
 
-from __future__ import annotations
-
-from featherfx.algebra.vector_kernels import accumulate, cross, length, normal_of, over, store, sub
+from featherfx.algebra.vector_kernels import (
+    accumulate,
+    conjugate,
+    cross,
+    exponential,
+    length,
+    logarithm,
+    matrix_into,
+    multiply,
+    normal_of,
+    over,
+    scale,
+    store,
+    sub,
+)
 from featherfx.jit.compiled import kernel
 
 _NO_AREA = 1e-30  # m^2, twice the area of a triangle that has none
@@ -39,3 +51,32 @@ def fill_normals(points, faces, normals):
         size = length(normals[v])
         if size > 0.0:
             store(normals[v], over(normals[v], size))
+
+
+@kernel
+def multiply_rows(rows, values, result):
+    """result (R, D) = rows times values (K, D), D small."""
+    for r in range(result.shape[0]):
+        for d in range(result.shape[1]):
+            total = 0.0
+            for k in range(rows.first[r], rows.first[r + 1]):
+                total += rows.weights[k] * values[rows.columns[k], d]
+            result[r, d] = total
+
+
+@kernel
+def blend_turns(turns, weights, fraction, away, out):
+    """Fill rotations (K, 3, 3) between two knots. turns: KnotTurns of K joints. weights: (2, n).
+    fraction: of the second knot. away: (2, 3), scratch."""
+    ends, ways = turns
+    for k in range(out.shape[0]):
+        away[:] = 0.0
+        for end in range(2):
+            for n in range(weights.shape[1]):
+                accumulate(away[end], weights[end, n], ways[end, n, k])
+        before = multiply(ends[0, k], exponential(away[0]))
+        after = multiply(ends[1, k], exponential(away[1]))
+        way = multiply(conjugate(before), after)
+        if way[0] < 0.0:
+            way = -way[0], -way[1], -way[2], -way[3]
+        matrix_into(multiply(before, exponential(scale(fraction, logarithm(way)))), out[k])

@@ -38,7 +38,7 @@ from featherfx.algebra.rotation import frames_to_quats, rotation_part, rotation_
 from featherfx.algebra.types import Array, Indices
 from featherfx.jit.compiled import KernelModule
 
-kernels = KernelModule("featherfx.algebra.interpolation_kernels")
+kernels = KernelModule("featherfx.algebra.element_kernels")
 
 # knots on either side of a knot that its polynomial goes through
 _REACH = 2

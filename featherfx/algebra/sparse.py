@@ -12,7 +12,7 @@ import numpy as np
 from featherfx.algebra.types import Array, Indices
 from featherfx.jit.compiled import KernelModule
 
-sparse_kernels = KernelModule("featherfx.algebra.sparse_kernels")
+sparse_kernels = KernelModule("featherfx.algebra.element_kernels")
 
 
 class Rows(NamedTuple):

@@ -177,7 +177,7 @@ def bake(
 
 def _is_flock(shot: Path) -> bool:
     """Return whether a file is one of a flock; bakes tell of those that cannot be read."""
-    from featherfx.groom.read.toml_file import load_toml  # which help does without
+    from featherfx.groom.read.toml_file import load_toml
 
     return shot.suffix == ".toml" and shot.is_file() and "flock" in load_toml(shot)
 

@@ -22,7 +22,7 @@ _COMMANDS = {
     "groom": ("export", "Write a groom's feathers at rest to USD."),
     "inspect": ("check", "What a USD file holds for grooms and shots to name."),
     "join": ("farm", "Join a cache that was baked in shares of its feathers."),
-    "lab": ("lab.group", "Virtual experiments on rods and feathers."),
+    "lab": ("lab.measure", "Virtual experiments on rods and feathers."),
     "plugins": ("install", "List plugins for other programs, and install them."),
     "presets": ("presets", "List presets and show what they hold."),
     "preview": ("preview", "Draw a USD file to pictures or films."),

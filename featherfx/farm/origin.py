@@ -26,7 +26,7 @@ _LOADED = [
     "featherfx.farm.work",
     "featherfx.baking.frame_loop",
     # that a share loads when it gets so far
-    "featherfx.shot.partition.dependence",
+    "featherfx.shot.partition.partition",
     "scipy.sparse.csgraph",
 ]
 _begun: list[bool] = []

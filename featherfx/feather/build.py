@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.errors import Problem, require
-from featherfx.feather.outline import describe_outline_fault
+from featherfx.feather.barbs import describe_outline_fault
 from featherfx.feather.profiles import build_rachis
 from featherfx.feather.types import (
     LEADING,

@@ -18,10 +18,18 @@ import numpy as np
 from featherfx.algebra.surface_elements import weld
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import dots
-from featherfx.coat.coat import Coat, StackReport, describe_doubts, draw, grow_coat, stack
+from featherfx.coat.carrier import refine
+from featherfx.coat.coat import (
+    Coat,
+    PlaneForms,
+    StackReport,
+    describe_doubts,
+    draw,
+    grow_coat,
+    make_plane_forms,
+    stack,
+)
 from featherfx.coat.fields import CoatSpacing, Follicles
-from featherfx.coat.forms import PlaneForms, make_plane_forms
-from featherfx.coat.refinement import refine
 from featherfx.coat.sheets import raise_onto, sew_fan
 from featherfx.errors import count_feathers, warn_input
 from featherfx.feather.shapes import build_plane_feathers

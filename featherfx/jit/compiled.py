@@ -163,7 +163,7 @@ class KernelModule:
 
 @functools.cache
 def kernel_entry(name: str) -> KernelEntry:
-    """The kernel of a module and name, as "featherfx.algebra.sparse_kernels.multiply_rows"."""
+    """The kernel of a module and name, as "featherfx.algebra.element_kernels.multiply_rows"."""
     return KernelEntry(name)
 
 

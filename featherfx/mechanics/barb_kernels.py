@@ -9,7 +9,7 @@
 
 R row frame, C and D_j rotations at rest (so that q = 0 is the rest shape exactly), l segment
 length, phi_c the share of shape function c that falls on joint j: a table of the batch, with
-curvatures orthogonal under the barb's bending stiffness (featherfx/mechanics/barb_shapes.py).
+curvatures orthogonal under the barb's bending stiffness (featherfx/mechanics/vane_rest.py).
 The energy of a barb is then 1/2 sum_c k_c q_c^2: its coefficients are its strains. A frame is
 carried along, not a pair of global angles, so no pose is singular. Derived here; the idea of
 curvature unknowns is that of super-helices and ribbon elements (Charrondiere et al. 2019).

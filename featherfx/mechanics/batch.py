@@ -23,7 +23,6 @@ from featherfx.feather.profiles import (
 from featherfx.feather.types import Feather, barb_slice
 from featherfx.groom.materials import VaneMaterial
 from featherfx.groom.types import FeatherKind
-from featherfx.mechanics.barb_shapes import clamped_shapes, curvature_shapes
 from featherfx.mechanics.model import Model, VaneHooks, no_hooks
 from featherfx.mechanics.resolution import vane_width
 from featherfx.mechanics.section import rachis_mass, rachis_stiffness, strip_stiffness
@@ -31,6 +30,8 @@ from featherfx.mechanics.vane_rest import (
     barb_nodes,
     cell_weights,
     cells_at_rest,
+    clamped_shapes,
+    curvature_shapes,
     end_corrections,
     hinges_at_rest,
     twists_at_rest,

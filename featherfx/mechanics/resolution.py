@@ -1,7 +1,7 @@
 """Number of curvature coefficients that a feather's barbs need, and of rows that its rachis needs.
 
 A barb under a pressure q on its vane is a cantilever with the stiffness D b(s) per metre of vane
-(b: featherfx/mechanics/barb_shapes.py) and the load q; its end goes down by
+(b: featherfx/mechanics/vane_rest.py) and the load q; its end goes down by
 
     d = (q L^4 / D) integral_0^1 (1 - s)^3 / (2 b(s)) ds          (L^4 q / (8 D) for b = 1)
 
@@ -26,8 +26,8 @@ import numpy as np
 from featherfx.feather.profiles import at_places, barb_bending, vane_shares
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
-from featherfx.mechanics.barb_shapes import stiffness_along
 from featherfx.mechanics.section import rachis_mass, rachis_stiffness, strip_stiffness
+from featherfx.mechanics.vane_rest import stiffness_along
 
 # share of the deflection that C = 0, 1, ... coefficients miss
 MISSED_DEFLECTION = (1.0, 0.16, 0.004, 0.0006, 0.0001)

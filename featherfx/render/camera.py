@@ -14,7 +14,7 @@ import numpy as np
 from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.algebra.types import Array, Indices
 from featherfx.render.light_kernels import Lens
-from featherfx.shot.view import View
+from featherfx.shot.sources import View
 
 _ANGLE = math.radians(24)
 _FOCAL_LENGTH = 0.056  # m: sees this angle over the height of a frame of 24 mm

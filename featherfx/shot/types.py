@@ -17,12 +17,11 @@ from featherfx.groom.keys.values import ArrayOf, Default, Number, Text, vector
 from featherfx.groom.types import Groom
 from featherfx.limits import MAX_CLUMPS
 from featherfx.shot.clock import MAX_RATE, MIN_RATE, NO_CUTS, FrameCuts
-from featherfx.shot.preroll import NO_RUN_UP, RunUp
+from featherfx.shot.roots import NO_RUN_UP, RunUp
 
 if TYPE_CHECKING:
     from featherfx.shot.skin import BoundSkin, SkinSurfaces
-    from featherfx.shot.sources import TimedSurface, TimedWind
-    from featherfx.shot.view import TimedCamera
+    from featherfx.shot.sources import TimedCamera, TimedSurface, TimedWind
 
 LEVELS = ("full", "coarse", "rachis", "guided", "rigid")
 # those at which nothing is solved

@@ -9,14 +9,14 @@ import pytest
 from feather_kinds import LEADING_VANE, NO_VANE, SWAN_PRIMARY, TRAILING_VANE, feather_kind
 
 from featherfx.errors import InputError
-from featherfx.feather.barbs import interpolate_guides
-from featherfx.feather.build import build_feather
-from featherfx.feather.outline import (
+from featherfx.feather.barbs import (
     describe_outline_fault,
     distance_outside,
+    interpolate_guides,
     outline_curve,
     ray_lengths,
 )
+from featherfx.feather.build import build_feather
 from featherfx.feather.types import LEADING, TRAILING
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import BarbGuide, VaneShape

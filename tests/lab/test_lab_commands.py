@@ -8,7 +8,7 @@ from commands import invoke
 from places import SAMPLES
 
 from featherfx.cli.lab.experiments import COMMANDS, EXPERIMENTS
-from featherfx.cli.lab.group import lab
+from featherfx.cli.lab.measure import lab
 from featherfx.lab.measure.program import shot_figures
 from featherfx.lab.studies.study import STUDIES
 

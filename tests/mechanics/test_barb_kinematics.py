@@ -10,7 +10,7 @@ from trial_batches import barb_slopes, random_quat
 
 from featherfx.algebra.rotation import quats_to_frames
 from featherfx.mechanics.barb_kernels import barb_points
-from featherfx.mechanics.barb_shapes import MIN_BARB_STIFFNESS, curvature_shapes
+from featherfx.mechanics.vane_rest import MIN_BARB_STIFFNESS, curvature_shapes
 
 UNIT = np.array([1.0, 0.0, 0.0, 0.0])
 

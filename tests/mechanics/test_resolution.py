@@ -7,8 +7,8 @@ import pytest
 from scipy.optimize import minimize
 
 from featherfx.mechanics.barb_kernels import barb_points
-from featherfx.mechanics.barb_shapes import curvature_shapes
 from featherfx.mechanics.resolution import MISSED_DEFLECTION
+from featherfx.mechanics.vane_rest import curvature_shapes
 
 STRAIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 SEGMENTS = 6

@@ -9,8 +9,8 @@ from test_motion import is_rotation, sampled
 from featherfx.errors import InputError
 from featherfx.shot.motion.joints import skeleton_of
 from featherfx.shot.motion.motion import joint_poses, root_motion
-from featherfx.shot.preroll import NO_RUN_UP, RunUpRoots, run_up_of
 from featherfx.shot.read.read import read_shot
+from featherfx.shot.roots import NO_RUN_UP, RunUpRoots, run_up_of
 from featherfx.shot.types import Motion
 
 BIRD = """

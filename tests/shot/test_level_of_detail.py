@@ -13,8 +13,8 @@ from featherfx.errors import InputError
 from featherfx.shot.clock import StageClock
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.read.read import check_file, read_shot
+from featherfx.shot.sources import TimedCamera, View, relative_sizes
 from featherfx.shot.types import LevelOfDetail, Motion, Shot
-from featherfx.shot.view import TimedCamera, View, relative_sizes
 
 AXES = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0]), np.array([-1.0, 0.0, 0.0])
 

@@ -7,8 +7,7 @@ import pytest
 
 from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.shot.clock import StageClock
-from featherfx.shot.preroll import RunUpRoots, run_up_of
-from featherfx.shot.roots import RootFrames
+from featherfx.shot.roots import RootFrames, RunUpRoots, run_up_of
 from featherfx.shot.sources import TimedSurface
 
 PREROLL = 0.4  # s, 12 of 30 frames a second

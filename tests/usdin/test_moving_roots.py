@@ -11,8 +11,7 @@ from featherfx.shot.motion.cuts import CutRoots
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options.load_estimate import estimate_loads
 from featherfx.shot.patterns import part_of
-from featherfx.shot.preroll import RunUp, RunUpRoots
-from featherfx.shot.roots import PickedRoots, some_roots
+from featherfx.shot.roots import PickedRoots, RunUp, RunUpRoots, some_roots
 
 
 def turns_of(skin, time):

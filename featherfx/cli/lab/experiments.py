@@ -9,8 +9,7 @@ from typing import Any
 
 import click
 
-from featherfx.cli.lab.options_from import Experiment, command_from
-from featherfx.cli.lab.report import report
+from featherfx.cli.lab.options_from import Experiment, command_from, report
 from featherfx.cli.options import presets_option, readable_path
 from featherfx.files.atomic_write import write_text
 from featherfx.lab.contact.experiments import ContactTest, run_contact

@@ -154,7 +154,7 @@ def groom_of(
         )
     drafts = _overridden(colours, drafts, place.child("bird"), store, dict.fromkeys(colours, True))
     if colours or any(draft.paint for draft in drafts):
-        from featherfx.groom.read.shades import painted, shaded
+        from featherfx.groom.read.drafts import painted, shaded
 
         drafts = shaded(colours, drafts, place.child("bird"), store) if colours else drafts
         drafts = painted(drafts, place.child("skin").child("colours"), store)

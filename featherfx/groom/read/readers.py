@@ -84,7 +84,7 @@ class SceneReaders(GroomReaders):
     feathers, skin: see GroomReaders. meshes: (file, prim paths or names with the key that names
     each, checked keys of [skin] or [[collider]], place) to surfaces. wind: (file, checked keys of
     [wind_usd], place). attribute: the same of a curve. camera: (file, prim path, place) to a
-    featherfx.shot.view.Camera. poses: (file, time code or None, place) to the points (V, 3) m of
+    featherfx.shot.sources.Camera. poses: (file, time code or None, place) to the points (V, 3) m of
     the feathers' meshes there, or else of their shafts' curves (k, 3), by id. instances: (file,
     path of a PointInstancer, time codes, place) to the ids of its points, their places (K, N, 3) m
     and turns (K, N, 4), quaternions x, y, z, w, or None.

@@ -43,10 +43,9 @@ from featherfx.lab.nodal.energy_kernels import (
     half_bandwidth,
     hinge_turns,
 )
-from featherfx.mechanics.barb_shapes import MIN_BARB_STIFFNESS
 from featherfx.mechanics.batch import MIN_HOOKED, row_frames
 from featherfx.mechanics.model import Model
-from featherfx.mechanics.vane_rest import barb_nodes, cell_weights
+from featherfx.mechanics.vane_rest import MIN_BARB_STIFFNESS, barb_nodes, cell_weights
 
 
 def hinge_places(cell: Flags) -> Flags:

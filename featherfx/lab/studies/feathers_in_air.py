@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from featherfx.algebra.types import Array
+from featherfx.feather.barbs import outline_curve
 from featherfx.feather.build import build_feather
-from featherfx.feather.outline import outline_curve
 from featherfx.feather.profiles import at_places, vane_shares
 from featherfx.groom.types import FeatherKind
 from featherfx.lab.feathers.feather import (

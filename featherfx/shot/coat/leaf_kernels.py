@@ -32,7 +32,7 @@ from featherfx.algebra.vector_kernels import (
     store,
     sub,
 )
-from featherfx.coat.forms import PlaneForms
+from featherfx.coat.coat import PlaneForms
 from featherfx.coat.leaf_kernels import leaf_point, rounded, unit, without
 from featherfx.jit.compiled import kernel
 

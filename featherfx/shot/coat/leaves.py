@@ -34,9 +34,8 @@ from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots, face_products, unit
 from featherfx.coat.carrier import Carrier, pose_carrier
 from featherfx.coat.ceiling import find_ceiling, limit_rises
-from featherfx.coat.coat import Coat, draw, share_out
+from featherfx.coat.coat import Coat, draw, make_plane_forms, share_out
 from featherfx.coat.fields import SkinMeans, SkinPlaces
-from featherfx.coat.forms import make_plane_forms
 from featherfx.coat.leaf_kernels import HINGE, CarrierArrays
 from featherfx.feather.leaves import plane_forms
 from featherfx.feather.shapes import build_plane_feathers

@@ -22,8 +22,7 @@ from featherfx.shot.motion.cuts import CutRoots
 from featherfx.shot.motion.limbs import limbs_of, moving_limbs
 from featherfx.shot.motion.motion import undirected_motion
 from featherfx.shot.patterns import last_fitting
-from featherfx.shot.preroll import RunUpRoots
-from featherfx.shot.roots import RootFrames, Roots, root_rates
+from featherfx.shot.roots import RootFrames, Roots, RunUpRoots, root_rates
 
 _TOLD_RATIO = 0.1  # of what channels ask for, that feathers miss without a warning
 _ROLLED = "the leaves around leave no room. Lower the density of their regions, or ruffle them"

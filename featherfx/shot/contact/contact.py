@@ -34,7 +34,7 @@ from featherfx.shot.contact.steps import (
     StepRules,
 )
 from featherfx.shot.frames import place
-from featherfx.shot.loop.sleep import skip_frame
+from featherfx.shot.loop.free_group import skip_frame
 from featherfx.shot.options.options import ShotOptions
 from featherfx.shot.types import Shot
 from featherfx.solver.contact.interval import ContactSolver

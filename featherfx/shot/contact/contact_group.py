@@ -17,9 +17,9 @@ from featherfx.shot.contact.obstacles import Obstacles, obstacles_of
 from featherfx.shot.contact.root_inside_body import warn_of_sunk
 from featherfx.shot.detail.cycle import SLACK, repeats_together
 from featherfx.shot.loop.counts import Advanced, Bounds
+from featherfx.shot.loop.free_group import is_at_rest, is_undisturbed, skip_frame
 from featherfx.shot.loop.groups import ALONE, FeatherGroup
 from featherfx.shot.loop.run import Arrays, ShotRun, Stage, prefixed, under
-from featherfx.shot.loop.sleep import is_at_rest, is_undisturbed, skip_frame
 from featherfx.shot.motion.motion import root_motion, root_path
 from featherfx.solver.solver import RootPath
 

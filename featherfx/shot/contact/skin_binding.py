@@ -9,7 +9,7 @@ import numpy as np
 from featherfx.files.disk_cache import kept
 from featherfx.groom.skin.field import search_tree
 from featherfx.jit.compiled import KernelModule
-from featherfx.shot.preroll import NO_RUN_UP, RunUp
+from featherfx.shot.roots import NO_RUN_UP, RunUp
 from featherfx.shot.skin import BoundSkin
 from featherfx.shot.sources import TimedSurface
 from featherfx.solver.contact.types import Array, Indices, SkinMesh

@@ -44,8 +44,8 @@ from featherfx.groom.skin.skin import closest
 from featherfx.limits import refuse_beyond_memory
 from featherfx.shot.options.options import ShotOptions
 from featherfx.shot.roots import RootFrames, Roots, sampled_rates
+from featherfx.shot.sources import relative_sizes
 from featherfx.shot.types import LEVELS, UNSOLVED_LEVELS, LevelOfDetail, Shot
-from featherfx.shot.view import relative_sizes
 
 # a follower has up to that many guides
 MAX_GUIDES = 4

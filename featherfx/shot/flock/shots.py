@@ -27,7 +27,7 @@ from featherfx.shot.flock.types import (
     bird_poses,
     forward_turn,
 )
-from featherfx.shot.view import TimedCamera, relative_sizes
+from featherfx.shot.sources import TimedCamera, relative_sizes
 
 _MOST_OFF = 3.0  # standard deviations, of sizes
 

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.feather.outline import outline_curve
+from featherfx.feather.barbs import outline_curve
 from featherfx.feather.overlap import near_pairs, strips_of
 from featherfx.files.disk_cache import kept
 from featherfx.groom.course import shaft

@@ -55,8 +55,7 @@ from featherfx.shot.options.options import (
     given_grid,
 )
 from featherfx.shot.patterns import part_of
-from featherfx.shot.preroll import NO_RUN_UP
-from featherfx.shot.roots import PickedRoots, RootFrames, Roots, some_roots
+from featherfx.shot.roots import NO_RUN_UP, PickedRoots, RootFrames, Roots, some_roots
 from featherfx.shot.types import MeasuredGrid, Shot
 
 # strata a shot may have at least, and one for so many feathers

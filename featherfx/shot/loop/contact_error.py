@@ -39,7 +39,7 @@ from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options.load_estimate import estimate_deflections, estimate_loads
 from featherfx.shot.options.options import FeatherOptions, resolve_options
 from featherfx.shot.patterns import may_touch, part_of
-from featherfx.shot.preroll import NO_RUN_UP
+from featherfx.shot.roots import NO_RUN_UP
 from featherfx.shot.types import Shot
 
 # patches of a shot, and feathers of a patch, at most

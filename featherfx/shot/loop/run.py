@@ -29,8 +29,7 @@ from featherfx.shot.options.options import (
     common_tolerance,
     resolve_options,
 )
-from featherfx.shot.preroll import RunUpRoots, run_up_of
-from featherfx.shot.roots import Roots
+from featherfx.shot.roots import Roots, RunUpRoots, run_up_of
 from featherfx.shot.types import Shot
 from featherfx.solver.solver import Solver, limit_iterations
 from featherfx.solver.state import rest_state

@@ -31,7 +31,7 @@ from featherfx.shot.flock.types import (
     nearest_birds,
 )
 from featherfx.shot.read.read import read_preset, read_shot
-from featherfx.shot.view import TimedCamera
+from featherfx.shot.sources import TimedCamera
 
 
 def read_flock(

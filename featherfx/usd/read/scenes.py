@@ -17,7 +17,7 @@ from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import Table
 from featherfx.groom.skin.field import search_tree
 from featherfx.provenance import LeftOut, StageRead, note_read
-from featherfx.shot.view import View
+from featherfx.shot.sources import View
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.drawn_meshes import drawn_meshes, find_hidden
 from featherfx.usd.read.groom import read_feathers
@@ -294,7 +294,7 @@ def open_attribute(path: Path, entry: dict[str, Any], place: Place) -> SceneAttr
 
 
 class SceneCamera(ScenePrim):
-    """A camera prim as featherfx.shot.view.Camera."""
+    """A camera prim as featherfx.shot.sources.Camera."""
 
     def __init__(self, scene: SourceScene, prim: Any) -> None:
         super().__init__(scene, prim)
