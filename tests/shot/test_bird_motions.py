@@ -124,6 +124,24 @@ def test_a_joint_that_is_not_there_is_told_once(tmp_path):
     assert len(told.value.problems) == 1
 
 
+def test_keyframes_of_a_pattern_lead_all_joints_that_it_means(tmp_path):
+    def moved(*keys):
+        named = (f'{{ time = {t}, joint = "{j}", rotation = [0, {a}, 0] }}' for j, t, a in keys)
+        shot = read(tmp_path, f'kind = "keys"\nkeyframes = [{", ".join(named)}]')
+        skeleton = skeleton_of(shot.groom)
+        return skeleton, joint_poses(shot.motion, shot, skeleton)(0.25).rotations
+
+    both, sides = ("*_shoulder",), ("right_wing_shoulder", "left_wing_shoulder")
+    skeleton, found = moved(*((j, t, 40 * t) for j in both for t in (0, 0.5)))
+    _, expected = moved(*((j, t, 40 * t) for j in sides for t in (0, 0.5)))
+    np.testing.assert_array_equal(found, expected)
+    turned = np.abs(found - np.eye(3)).max(axis=(1, 2)) > 0.01
+    assert {skeleton.names[k] for k in np.flatnonzero(turned)} == set(sides)
+    with pytest.raises(InputError, match="0.5 s has a rotation of this joint already") as told:
+        moved((*both, 0.5, 3), (sides[0], 0.5, 4))
+    assert len(told.value.problems) == 1
+
+
 def test_an_act_that_is_part_of_itself_is_refused(tmp_path):
     (tmp_path / "presets" / "motion").mkdir(parents=True)
     (tmp_path / "presets" / "motion" / "ring.toml").write_text('kind = "act"\nmotions = ["ring"]\n')

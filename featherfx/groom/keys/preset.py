@@ -238,7 +238,9 @@ FEATHER_KEYS = keys_of(FeatherKind) | DIAL_KEYS
 
 KEYFRAME_KEYS = {
     "time": Key(Number(-1e4, 1e5, "s"), "Time since the first frame."),
-    "joint": Key(Text(empty=True), "Joint that is moved; empty: the whole groom.", ""),
+    "joint": Key(
+        Text(empty=True), "Joint that moves, with * and ? as wild cards; empty: the groom.", ""
+    ),
     "position": Key(vector(-1e4, 1e4, "m"), "Displacement from the place at rest.", None),
     "rotation": Key(
         ArrayOf(Number(-36000, 36000, "deg"), 3, 4),

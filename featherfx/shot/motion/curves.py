@@ -6,6 +6,8 @@ metres, is s B d, and a turn R is B R B^T.
 
 from __future__ import annotations
 
+from fnmatch import fnmatchcase
+
 import numpy as np
 
 from featherfx.algebra.rotation import from_angles, quats_to_frames
@@ -22,7 +24,7 @@ def followed(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
         step = source.time_codes_per_second / shot.frames_per_second
     scaled = source.to_world.T
     axes = scaled / np.linalg.norm(scaled[:, 0])
-    joints = [k for k, name in enumerate(skeleton.names) if name == values["joint"]]
+    joints = [k for k, name in enumerate(skeleton.names) if fnmatchcase(name, values["joint"])]
 
     def poses(time: float) -> JointPoses:
         found = still_poses(count)

@@ -110,8 +110,10 @@ class ArmTurns:
 
     With a forearm they turn in the wing's plane, as all feathers do. Out of it each turns by its
     share alone: with the whole tilt, roots that stay in the upper arm's plane, side by side, would
-    swap the order in which their vanes lie. Of a beat's swing, but not of its twist, inner ones
-    take a share, too: they close the way from wing to body, on skin that both carry.
+    swap the order in which their vanes lie. Of a beat's swing s, but not of its twist, inner ones
+    take a share a(w), too: they close the way from wing to body, on skin that both carry. Their
+    roots stand along the curve w, s a(w) of polar coordinates, and vanes lie along it,
+    turned about their shafts by atan(w s a'(w)), less next to body and wing.
 
     members: (A,). arms, forearms, parents: (A,) joints. pivots: (A, 3) m, of shoulders. bones:
     (A, 3) m, and dorsal: (A, 3) units, at rest. ways: (A,) from the shoulder, 0, to the elbow, 1.
@@ -144,17 +146,22 @@ class ArmTurns:
         """Roots without the part of beats that is not theirs. own: (J, 3, 3), turns of joints but
         for those about hinges. rotations, shifts: of carriers."""
         share = np.clip((self.ways - _BORNE) / (1.0 - _BORNE), 0.0, 1.0)
+        slope = 4.0 * share * (1.0 - share) / (1.0 - _BORNE)
         parent, beat = rotations[self.parents], own[self.arms]
         now = applied(rotations[self.arms], self.bones)
         before = applied(parent @ (parent @ beat).swapaxes(1, 2), now)
         axis = np.cross(before, now)
         swing = np.arctan2(np.linalg.norm(axis, axis=1), dots(before, now))
-        back = vectors_to_frames(((share - 1.0) * swing)[:, None] * unit(axis))
+        axis = unit(axis)
+        back = vectors_to_frames(((share - 1.0) * swing)[:, None] * axis)
         shoulders = applied(rotations[self.arms], self.pivots) + shifts[self.arms]
         positions, frames = roots.positions.copy(), roots.rotations.copy()
         away = positions[self.members] - shoulders
         positions[self.members] = shoulders + applied(back, away)
-        frames[self.members] = back @ frames[self.members]
+        found = back @ frames[self.members]
+        shaft = found[:, :, 0]
+        roll = np.arctan(self.ways * slope * swing) * dots(axis, shaft)
+        frames[self.members] = vectors_to_frames(roll[:, None] * shaft) @ found
         return RootFrames(positions, frames)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
+from fnmatch import fnmatchcase
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -63,9 +64,19 @@ def read_motion(
     elif kind == "flap":
         _check_flap(values, place)
     elif kind == "keys":
-        _check_keyframes(values["keyframes"], groom, place.child("keyframes"))
+        at = place.child("keyframes")
+        given = list(enumerate(values["keyframes"]))
+        firsts = {frame["joint"]: index for index, frame in reversed(given)}
+        meant = {each: _joints_meant(each, groom, at.item(k)) for each, k in firsts.items()}
+        keyframes = [
+            (at.item(index), frame | {"joint": joint})
+            for index, frame in given
+            for joint in meant[frame["joint"]]
+        ]
+        _check_keyframes(keyframes)
+        values["keyframes"] = tuple(frame for _, frame in keyframes)
     elif kind == "curve":
-        _check_joint(values["joint"], groom, place)
+        _joints_meant(values["joint"], groom, place)
         if readers is None:
             place.refuse("is a USD scene. Use featherfx.read_shot, or a command")
         values["source"] = readers.attribute(
@@ -218,25 +229,24 @@ def _check_later(place: Place, times: list[float], name: str = "", unit: str = "
             at.fail(f"{after:g}{unit} is not after {before:g}{unit}, the one before")
 
 
-def _check_joint(joint: str, groom: Groom | None, place: Place) -> None:
-    joints = {each.name for each in groom.joints} | BODY_JOINTS.keys() if groom is not None else ()
-    if groom is not None and joint and joint not in joints:
-        place.child("joint").unknown(f"no joint '{joint}' in the groom", joint, joints)
+def _joints_meant(pattern: str, groom: Groom | None, place: Place) -> list[str]:
+    """Names of the joints that a pattern means; a problem where there are none."""
+    if groom is None or not pattern:
+        return [pattern]
+    known = [each.name for each in groom.joints if each.name not in BODY_JOINTS] + [*BODY_JOINTS]
+    found = [each for each in known if fnmatchcase(each, pattern)]
+    if not found:
+        place.child("joint").unknown(f"no joint '{pattern}' in the groom", pattern, known)
+    return found
 
 
-def _check_keyframes(
-    keyframes: tuple[dict[str, Any], ...], groom: Groom | None, place: Place
-) -> None:
-    """Joints exist, times of one joint ascend, rates and orders are clear."""
+def _check_keyframes(keyframes: list[tuple[Place, dict[str, Any]]]) -> None:
+    """Times of one joint ascend, rates and orders are clear. keyframes: with their places."""
     latest: dict[tuple[str, str], float] = {}
     orders: dict[str, str] = {}
-    firsts = {each["joint"]: index for index, each in reversed(list(enumerate(keyframes)))}
-    by_quaternion = {each["joint"] for each in keyframes if len(each["rotation"] or ()) == 4}
-    for index, frame in enumerate(keyframes):
-        at = place.item(index)
+    by_quaternion = {each["joint"] for _, each in keyframes if len(each["rotation"] or ()) == 4}
+    for at, frame in keyframes:
         joint, time = frame["joint"], frame["time"]
-        if firsts[joint] == index:
-            _check_joint(joint, groom, at)
         for what in ("position", "rotation"):
             if frame[what] is None:
                 continue
