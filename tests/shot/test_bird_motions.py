@@ -137,7 +137,7 @@ def test_keyframes_of_a_pattern_lead_all_joints_that_it_means(tmp_path):
     np.testing.assert_array_equal(found, expected)
     turned = np.abs(found - np.eye(3)).max(axis=(1, 2)) > 0.01
     assert {skeleton.names[k] for k in np.flatnonzero(turned)} == set(sides)
-    with pytest.raises(InputError, match="0.5 s has a rotation of this joint already") as told:
+    with pytest.raises(InputError, match=r"0\.5 s has a rotation of this joint already") as told:
         moved((*both, 0.5, 3), (sides[0], 0.5, 4))
     assert len(told.value.problems) == 1
 
