@@ -75,12 +75,6 @@ PACKAGES = (
         spreads=("contact.islands:add_islands",),
     ),
     Package(
-        "cycles",
-        "Periodic motion that is replayed instead of stepped.",
-        tables=("cycle",),
-        stages=("detail.cycle:CycleStage",),
-    ),
-    Package(
         "hooks",
         "Vanes that open between barbs, and strokes and healing that close them.",
         tables=("preens", "has_slipping_hooks"),

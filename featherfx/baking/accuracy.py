@@ -244,7 +244,6 @@ def _simulated(
             quality=finer_quality(part.quality, grid, finer),
             details=(),
             level_of_detail=None,
-            cycle=0,
         )
         simulation = simulate(same, jobs)
         feathers |= dict(zip(members.tolist(), simulation.feathers, strict=True))

@@ -494,9 +494,7 @@ class Shot(ByValue, Documented):
     cycle: Annotated[
         int,
         Number(0, 1_000_000, "frames", whole=True),
-        "Frames after which root, wind, grips and forces repeat: once a feather's motion has "
-        "become periodic to within the quality's tolerance, it is replayed instead of stepped. 0: "
-        "never.",
+        "Frames after which the motion repeats: a flock replays so many of this bird. 0: all.",
     ] = 0
     settle: Annotated[
         bool, "Whether feathers hang in balance at the first frame, instead of at rest."

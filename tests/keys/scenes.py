@@ -1018,7 +1018,7 @@ ELSEWHERE = {
     "shot.contact.skin": "tests/contact/test_contact_shots.py",
     "shot.contact.obstacles": "tests/contact/test_contact_shots.py",
     "shot.sleep": "tests/shot/test_sleep.py",
-    "shot.cycle": "tests/shot/test_cycle.py",
+    "shot.cycle": "tests/flock/test_flock.py",
     "shot.preroll": "tests/shot/test_preroll.py",
     "shot.handles": "tests/usdin/test_stage_time.py",
     "shot.wet.hooks": "tests/shot/test_wet.py",

@@ -11,6 +11,7 @@ from places import SAMPLES
 from featherfx.packages import MOTION_SOURCES, PACKAGES, brought, is_asked, load_name
 from featherfx.shot.loop.run import ShotLoad, Stage
 from featherfx.shot.read.read import read_shot
+from featherfx.shot.types import Shelter
 
 SAMPLE = SAMPLES / "feather_pull" / "shot.toml"
 
@@ -38,9 +39,10 @@ def test_motions_exist():
 def test_a_table_asks_for_its_package(shot):
     asked = [each.name for each in PACKAGES if is_asked(each, shot)]
     assert asked == ["core", "grips"]
-    cycled = replace(shot, cycle=8)
-    assert [each.name for each in PACKAGES if is_asked(each, cycled)] == ["core", "grips", "cycles"]
-    assert len(brought(cycled, "stages")) == len(brought(shot, "stages")) + 1
+    sheltered = replace(shot, shelters=(Shelter(share=0.5),))
+    asked = [each.name for each in PACKAGES if is_asked(each, sheltered)]
+    assert asked == ["core", "grips", "shelter"]
+    assert len(brought(sheltered, "loads")) == len(brought(shot, "loads")) + 1
 
 
 def test_a_lone_feather_loads_no_package_that_it_does_not_ask_for():

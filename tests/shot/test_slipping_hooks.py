@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from places import SAMPLES
 
-from featherfx.errors import InputWarning
 from featherfx.shot.loop.simulate import Checkpoint, Simulation, simulate
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.types import LevelOfDetail, Shot
@@ -90,10 +89,3 @@ def test_no_camera_changes_the_level_of_a_vane_that_slips() -> None:
         for hooks in ("closed", "slip")
     }
     assert [each.level for each in seen.values()] == ["rachis", "full"]
-
-
-def test_a_vane_that_slips_is_not_replayed() -> None:
-    shot = replace(pulled("slip"), grips=(), cycle=2)
-    with pytest.warns(InputWarning, match="cycle: hooks that slip"):
-        simulation, _ = run(shot)
-    assert simulation.report["skipped"]["repeated feather frames"] == 0

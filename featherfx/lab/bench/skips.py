@@ -34,16 +34,13 @@ the file. Seconds are processor times of one thread, without the first frame, in
 settle; the error is the largest distance of any point at any frame, as a share of its feather's
 length, and the mean that of all points, frames and feathers. Sleeping has no occasion in shots in
 which something always moves, so it is measured on their feathers, held still in still air for six
-seconds; repeated cycles on eight beats of the wing, without gusts. `coarse`, `rachis` and `rigid`
-are for feathers that are far or small; here all are. `guided`: every eighth feather of a region is
-a guide. Levels by size are those of a picture in which a feather of mean length is twenty pixels
-long."""
+seconds. `coarse`, `rachis` and `rigid` are for feathers that are far or small; here all are.
+`guided`: every eighth feather of a region is a guide. Levels by size are those of a picture in
+which a feather of mean length is twenty pixels long."""
 
 
 # s, how long feathers are held still
 _SCENE = 6.0
-# of a wing that beats on
-_BEATS = 8
 
 
 def seen_small(shot: Shot) -> Shot:
@@ -63,27 +60,6 @@ def still(shot: Shot) -> Shot:
     free = replace(shot, grips=(), forces=(), skin=None, wind_source=None)
     last = shot.first_frame + round(_SCENE * shot.frames_per_second)
     return replace(free, motion=Motion("hold", {}), wind=wind, last_frame=last)
-
-
-def beating_on(shot: Shot) -> Shot:
-    """Eight beats of a wing that take whole frames each, in steady wind."""
-    values = shot.motion.values | {
-        "beats": 0.0,
-        "wingbeat_frequency": shot.frames_per_second / beat(shot),
-    }
-    last = shot.first_frame + _BEATS * beat(shot)
-    wind = replace(shot.wind, gust=0.0)
-    return replace(shot, motion=Motion("flap", values), wind=wind, last_frame=last)
-
-
-def beat(shot: Shot) -> int:
-    """Frames of a wing beat."""
-    return max(1, round(shot.frames_per_second / float(shot.motion.values["wingbeat_frequency"])))
-
-
-def beats(shot: Shot) -> bool:
-    """Return whether a shot is a wing beat that may be replayed."""
-    return shot.motion.kind == "flap" and shot.contact is None
 
 
 class Skip(NamedTuple):
@@ -146,13 +122,6 @@ SKIPS = (
         lambda shot: replace(shot, sleep=False),
         _always,
         ("held still", still),
-    ),
-    Skip(
-        "cycles are replayed",
-        lambda shot: replace(shot, cycle=beat(shot)),
-        lambda shot: replace(shot, cycle=0),
-        beats,
-        ("beating on", beating_on),
     ),
     Skip(
         "coefficients chosen, not 4",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -15,8 +14,7 @@ from featherfx.shot.contact.contact import MAX_NAMED, ShotContact
 from featherfx.shot.contact.islands import pushing_islands
 from featherfx.shot.contact.obstacles import Obstacles, obstacles_of
 from featherfx.shot.contact.root_inside_body import warn_of_sunk
-from featherfx.shot.detail.cycle import SLACK, repeats_together
-from featherfx.shot.loop.counts import Advanced, Bounds
+from featherfx.shot.loop.counts import Bounds
 from featherfx.shot.loop.free_group import is_at_rest, is_undisturbed, skip_frame
 from featherfx.shot.loop.groups import ALONE, FeatherGroup
 from featherfx.shot.loop.run import Arrays, ShotRun, Stage, prefixed, under
@@ -30,8 +28,6 @@ class ContactGroup:
 
     def __init__(self, run: ShotRun, groups: Sequence[FeatherGroup], obstacles: Obstacles) -> None:
         self._run, self.groups, self._obstacles = run, groups, obstacles
-        # what contact kept after the samples that the batches' cycles keep
-        self._kept: deque[dict[str, Any]] = deque()
         self._led: tuple[tuple[float, float], list[RootPath]] = (np.nan, np.nan), []
         self.contact = ShotContact(
             run.shot,
@@ -56,29 +52,20 @@ class ContactGroup:
         for group, state in zip(self.groups, rested, strict=True):
             group.state = state
 
-    def advance(self, index: int) -> Advanced:
-        """Bring the feathers from the sample before to a sample. Raises SimulationError."""
+    def advance(self, index: int) -> int:
+        """Bring the feathers from the sample before to a sample; return how many nothing stirred.
+
+        Raises SimulationError.
+        """
         run, start, end = self._run, self._run.time(index - 1), self._run.time(index)
         paths = self._paths(start, end)
         loads = [run.loads(group, index) for group in self.groups]
         stirred = np.concatenate([group.stirred for group in self.groups])
         resting = self._resting(paths, loads, end - start) & ~stirred
-        done = self._advance(index, paths, loads, resting)
-        if index > 0 and any(group.cycle for group in self.groups):
-            self._keep(paths, loads)
-        return done
-
-    def _advance(
-        self, index: int, paths: Sequence[RootPath], loads: Sequence[Loads], resting: Flags
-    ) -> Advanced:
-        run, start, end = self._run, self._run.time(index - 1), self._run.time(index)
         states, number = [group.state for group in self.groups], int(resting.sum())
         if resting.all() and not self.contact.stirred(states, start, end):
             self._pass(end - start)
-            return Advanced(resting=number)
-        if index > 0 and run.shot.cycle and self._repeats(paths, loads, end):
-            self._replay(paths, end - start)
-            return Advanced(repeated=len(resting))
+            return number
 
         def loads_of(begin: float, stop: float) -> list[Loads]:
             return [run.loads_within(group, begin, stop, index > 0) for group in self.groups]
@@ -88,53 +75,7 @@ class ContactGroup:
             group.state, group.loads = state, acting
         for group, report in zip(self.groups, reports, strict=False):
             group.report = report
-        return Advanced(resting=number)
-
-    def _repeats(self, paths: Sequence[RootPath], loads: Sequence[Loads], end: float) -> bool:
-        """Return whether all feathers do what they did a cycle before, and colliders and obstacles,
-        which are then where they were, do as well."""
-        cycles = [group.cycle for group in self.groups]
-        if not repeats_together(cycles, paths, loads):
-            return False
-        before = end - self._run.shot.cycle / self._run.shot.frames_per_second
-        moved = [each.points(end) - each.points(before) for each in self._run.shot.colliders]
-        moved += [self._obstacles.way(before, end)] if self._obstacles.count else []
-        if moved:
-            known = zip(cycles, paths, strict=True)
-            moved += [cycle.ways(path) for cycle, path in known if cycle is not None]
-        return all(np.abs(each).max(initial=0.0) <= SLACK for each in moved)
-
-    def _replay(self, paths: Sequence[RootPath], duration: float) -> None:
-        for group, path in zip(self.groups, paths, strict=True):
-            assert group.cycle is not None
-            everyone = np.ones(len(group.members), dtype=np.bool_)
-            group.state = group.cycle.replayed(group.state, everyone, path, duration)
-        self.contact.go_on(self._kept[0])
-
-    def _keep(self, paths: Sequence[RootPath], loads: Sequence[Loads]) -> None:
-        """Note what a later cycle may replay."""
-        for group, path, acting in zip(self.groups, paths, loads, strict=True):
-            if group.cycle is not None:
-                group.cycle.keep(group.state, path, acting)
-                self._kept = deque(self._kept, group.cycle.period)
-        self._kept.append(self.contact.memory())
-
-    def memory(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays that are kept between frames, for checkpoints."""
-        found = dict(self.contact.memory())
-        for k, kept in enumerate(self._kept):
-            found |= {f"{k}:{name}": value for name, value in kept.items()}
-        return found
-
-    def restore(self, memory: Mapping[str, NDArray[Any]]) -> None:
-        """Take over what `memory` gave."""
-        self.contact.restore({name: each for name, each in memory.items() if ":" not in name})
-        kept: dict[int, dict[str, Any]] = {}
-        for name, value in memory.items():
-            number, told, own = name.partition(":")
-            if told:
-                kept.setdefault(int(number), {})[own] = value
-        self._kept = deque(kept[k] for k in sorted(kept))
+        return number
 
     def _paths(self, start: float, end: float) -> list[RootPath]:
         """Return the paths of the roots from start to end (s); the last ones are kept."""
@@ -200,16 +141,16 @@ class ContactStage(Stage):
         run.step_groups += self.contact_groups
 
     def checkpoint(self) -> Arrays:
-        """Contacts, obstacles and kept cycles of each group."""
+        """Contacts and obstacles of each group."""
         found: Arrays = {}
         for k, each in enumerate(self.contact_groups):
-            found |= prefixed(f"{k}.", each.memory())
+            found |= prefixed(f"{k}.", each.contact.memory())
         return found
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Go on from a checkpoint."""
         for k, each in enumerate(self.contact_groups):
-            each.restore(under(f"{k}.", arrays))
+            each.contact.restore(under(f"{k}.", arrays))
 
     def report(self) -> dict[str, Any]:
         """Figures of the contact of all groups so far, in SI units."""

@@ -182,13 +182,6 @@ class Obstacles:
             np.array_equal(a[self._members], b[self._members]) for a, b in zip(*frames, strict=True)
         )
 
-    def way(self, start: float, end: float) -> Array:
-        """Return how far roots and directions of all are at end (s) from where they were at
-        start."""
-        frames, own = (self._motion.frames(start), self._motion.frames(end)), self._members
-        ways = [(b[own] - a[own]).ravel() for a, b in zip(*frames, strict=True)]
-        return np.concatenate(ways)
-
     def memory(self) -> dict[str, Any]:
         """Return the arrays that are kept between frames, for checkpoints."""
         found = {f"obstacles{k}": each.points.nodes.copy() for k, each in enumerate(self.states)}

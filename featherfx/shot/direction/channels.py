@@ -274,7 +274,6 @@ class DirectedMaterial(GroupLoad):
     def __init__(self, found: Sequence[Course], members: Indices, gravity: Array) -> None:
         self._found, self._members, self._gravity = tuple(found), members, gravity
         names = {each.channel.name for each in found}
-        self.changes_model = not names.isdisjoint(("stiffness", "damping"))
         self._changes_weight = "gravity" in names
         self._factors = np.ones((2, len(members)))
 

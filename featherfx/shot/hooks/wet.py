@@ -54,8 +54,6 @@ class WetLoads(ShotLoad):
 class Water(GroupLoad):
     """The water of a batch of feathers, all wet by one rule."""
 
-    changes_model = True
-
     def __init__(
         self, rule: Wet, feathers: Sequence[Feather], placements: Sequence[Placement]
     ) -> None:

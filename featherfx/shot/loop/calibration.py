@@ -172,7 +172,7 @@ def measure_grids(
     shot = replace(shot, run_up=NO_RUN_UP, contact=None, colliders=(), preroll=0)
     # shapes of meshes fit one grid alone
     targets = tuple(each for each in shot.targets if each.points is None)
-    shot = replace(shot, details=(), level_of_detail=None, cycle=0, targets=targets)
+    shot = replace(shot, details=(), level_of_detail=None, targets=targets)
     # as feathers are solved, not as they are drawn on the skin
     shot = replace(shot, groom=replace(shot.groom, coat=None))
     key = digest([shot_settings(shot), solved])

@@ -138,7 +138,7 @@ def _errors(
     assert promised is not None
     part = replace(part_of(shot, patch), run_up=NO_RUN_UP, preroll=0)
     targets = tuple(each for each in shot.targets if each.points is None)
-    part = replace(part, details=(), level_of_detail=None, cycle=0, targets=targets)
+    part = replace(part, details=(), level_of_detail=None, targets=targets)
     plain = part.quality.on_grid(
         grid.rows, grid.columns, grid.coefficients, tolerance=grid.tolerance
     )

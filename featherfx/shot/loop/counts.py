@@ -62,25 +62,15 @@ class Unsolved(NamedTuple):
     distance: float
 
 
-class Advanced(NamedTuple):
-    """Skipped feathers at a sample, of batches that are stepped together.
-
-    resting: feathers that nothing stirs. repeated: those that were replayed.
-    """
-
-    resting: int = 0
-    repeated: int = 0
-
-
 @dataclass
 class Counts:
     """Sums over a shot so far.
 
     reports: one per batch and frame. too_long: by feather, its worst frame. limits: what bounds the
     steps of these, by keys. unsolved: by feather, its worst frame, where a step is farther from its
-    solution than its error may be, as where a frame had to end (step_control_kernels). slept,
-    repeated: feather frames that were not stepped; rigid, guided: those of feathers that follow
-    their roots or guides only.
+    solution than its error may be, as where a frame had to end (step_control_kernels). slept:
+    feather frames that were not stepped; rigid, guided: those of feathers that follow their roots
+    or guides only.
     """
 
     reports: list[StepReport] = field(default_factory=list)
@@ -88,7 +78,6 @@ class Counts:
     limits: dict[str, int] = field(default_factory=dict)
     unsolved: dict[str, Unsolved] = field(default_factory=dict)
     slept: int = 0
-    repeated: int = 0
     rigid: int = 0
     guided: int = 0
 
@@ -106,11 +95,6 @@ class Counts:
             far = Unsolved(frame, float(report.move[f]))
             before = self.unsolved.get(names[f], far)
             self.unsolved[names[f]] = max(before, far, key=lambda each: each.distance)
-
-    def skip(self, done: Advanced) -> None:
-        """Count what was not solved of a sample."""
-        self.slept += done.resting
-        self.repeated += done.repeated
 
     def frame(self, rigid: int, guided: int) -> None:
         """Count a frame that is handed out."""
@@ -136,7 +120,6 @@ class Counts:
             "worst_step_error": max((float(r.error.max()) for r in reports), default=0.0),
             "skipped": {
                 "sleeping feather frames": self.slept,
-                "repeated feather frames": self.repeated,
                 "rigid feather frames": self.rigid,
                 "guided feather frames": self.guided,
             },

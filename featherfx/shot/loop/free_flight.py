@@ -39,8 +39,6 @@ class FreeFlight(ShotLoad):
 class _Flight(GroupLoad):
     """A batch that leaves its roots at a time in s. step: s, between samples."""
 
-    changes_model = True
-
     def __init__(self, time: float, step: float) -> None:
         self._time, self._step, self._has_left = time, step, False
 

@@ -33,7 +33,7 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import dots
 from featherfx.feather.types import turned
 from featherfx.mechanics.model import Loads
-from featherfx.shot.loop.counts import Advanced, Bounds
+from featherfx.shot.loop.counts import Bounds
 from featherfx.shot.loop.groups import ALONE, FeatherGroup
 from featherfx.shot.loop.run import ShotRun
 from featherfx.shot.motion.motion import root_path
@@ -161,28 +161,24 @@ class FreeGroup:
         found = settled(group.solver, group.state, loads, group.names)
         group.state, group.several, group.fluttering = found
 
-    def advance(self, index: int) -> Advanced:
-        """Bring the feathers from the sample before to a sample. Raises SimulationError."""
+    def advance(self, index: int) -> int:
+        """Bring the feathers from the sample before to a sample; return how many nothing stirred.
+
+        Raises SimulationError.
+        """
         group, run, duration = self._group, self._run, self._run.time(1)
         loads = run.loads(group, index)
         path = self._paths.path(group, run.time(index - 1), run.time(index))
         sleeping = self._sleeping(path, loads, duration) & ~group.stirred
-        repeating, cycle = np.zeros_like(sleeping), group.cycle if index > 0 else None
-        if cycle is not None:
-            repeating = cycle.repeating(path, loads) & ~sleeping
-        stepped = np.flatnonzero(~sleeping & ~repeating).tolist()
+        stepped = np.flatnonzero(~sleeping).tolist()
         group.state, report = group.solver.step(group.state, loads, path, duration, stepped)
         if sleeping.any():
             group.state = skip_frame(group.state, sleeping, duration)
-        if cycle is not None:
-            if repeating.any():
-                group.state = cycle.replayed(group.state, repeating, path, duration)
-            cycle.keep(group.state, path, loads)
         group.loads, group.report = loads, report
         cause_of = overload_describer(group.solver.model, group.state)
         most = group.solver.settings.max_iterations
         raise_if_failed(report.status, group.state.time, group.names, most, cause_of)
-        return Advanced(int(sleeping.sum()), int(repeating.sum()))
+        return int(sleeping.sum())
 
     def _sleeping(self, path: RootPath, loads: Loads, duration: float) -> Flags:
         """(F,) feathers that sleep through a frame."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -28,8 +27,6 @@ ALONE = -1
 class GroupLoad:
     """A load on a batch of feathers; it may change their model over time."""
 
-    changes_model = False
-
     def renew(self, group: FeatherGroup, start: float, end: float) -> bool:
         """Take the values of a step from start to end (s); whether the model is another one."""
         return False
@@ -49,7 +46,7 @@ class FeatherGroup:
 
     options: how they are simulated. island: contact group, or ALONE. feathers: as simulated. maps:
     to the meshes' grid, where that is another one. own: model without what loads change. start:
-    nodes at the first frame. acting: loads beside grips and forces. cycle: of a shot that repeats.
+    nodes at the first frame. acting: loads beside grips and forces.
     loads: of the step before. stirred: (F,) feathers that something else than a step has changed
     since the sample before. several: places of those with several rest poses; fluttering: of those
     that found none. report: of the last step, None where none was taken.
@@ -69,7 +66,6 @@ class FeatherGroup:
     start: Array
     stirred: Flags
     acting: list[GroupLoad] = field(default_factory=list)
-    cycle: Any = None
     loads: Loads | None = None
     several: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     fluttering: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
@@ -90,11 +86,6 @@ class FeatherGroup:
     def is_flying(self) -> bool:
         """Return whether the feathers have left their roots."""
         return not self.solver.model.held.any()
-
-    @property
-    def changes_model(self) -> bool:
-        """Return whether its model is another one at times."""
-        return any(load.changes_model for load in self.acting)
 
     def renew(self, start: float, end: float) -> bool:
         """Give the solver the model of a step from start to end (s); whether it is a new one."""

@@ -19,7 +19,7 @@ from featherfx.packages import brought, load_name
 from featherfx.phases import counted
 from featherfx.shot.frames import FeatherPose, sample_number
 from featherfx.shot.loads.loads import force_weights, frame_loads
-from featherfx.shot.loop.counts import Advanced, Bounds
+from featherfx.shot.loop.counts import Bounds
 from featherfx.shot.loop.groups import ALONE, FeatherGroup, GroupLoad, grips_of
 from featherfx.shot.loop.models import has_open_hooks, maps_between, model_of
 from featherfx.shot.motion.motion import prepare_cuts, root_motion
@@ -49,8 +49,11 @@ class StepGroup(Protocol):
     def settle(self) -> None:
         """Bring the feathers to rest where the shot begins."""
 
-    def advance(self, index: int) -> Advanced:
-        """Bring the feathers from the sample before to a sample. Raises SimulationError."""
+    def advance(self, index: int) -> int:
+        """Bring the feathers from the sample before to a sample; return how many nothing stirred.
+
+        Raises SimulationError.
+        """
 
 
 class Guidance(NamedTuple):

@@ -249,7 +249,7 @@ class Simulation:
         for each in self._run.step_groups:
             for group in each.groups:
                 group.report = None
-            self._counts.skip(each.advance(index))
+            self._counts.slept += each.advance(index)
             for group in each.groups:
                 if group.report is not None:
                     number = self._run.number(index)
