@@ -97,14 +97,10 @@ def _bake(
         # contacts that yielded keep no error, and finer steps are yet harder to solve
         contact = report.get("contact")
         if path is not None and contact and not contact["feathers_whose_contacts_yielded"]:
-            from featherfx.shot.loop.contact_error import measure_contact_error
+            from featherfx.shot.loop.contact_error import add_contact_error
 
             with phase("comparing", silent=True):
-                settled = report.get("undefined", {})
-                report |= measure_contact_error(task.whole)
-                report["undefined"] = settled | report.get("undefined", {})
-            if report["error_promised"] is not None:
-                report.pop("error_not_promised", None)
+                report = add_contact_error(task.whole, report)
         is_complete = True
         with phase("finishing", silent=True):
             report |= _seconds(timed)

@@ -318,6 +318,35 @@ def carry_all(feather: Feather, grid: Feather, points: Sequence[RowPoints]) -> l
     return [carry_points(to_grid, each) for each in points]
 
 
+def mean_distance(
+    grid: Feather,
+    one: tuple[Feather, Sequence[RowPoints]],
+    other: tuple[Feather, Sequence[RowPoints]],
+) -> float:
+    """m, largest distance of the mean poses of two runs of a feather, as seen from its root, or
+    difference of their swings, the largest RMS distances of nodes from their means.
+
+    grid: the feather whose nodes count. Poses of either run need no common times.
+    """
+    nodes = [_seen_from_root(grid, carry_all(feather, grid, own)) for feather, own in (one, other)]
+    mean = [each.mean(axis=0) for each in nodes]
+    swing = [
+        np.sqrt(((each - middle) ** 2).sum(axis=-1).mean(axis=0)).max()
+        for each, middle in zip(nodes, mean, strict=True)
+    ]
+    apart = np.linalg.norm(mean[0] - mean[1], axis=-1).max()
+    return float(max(apart, abs(swing[0] - swing[1])))
+
+
+def _seen_from_root(grid: Feather, points: Sequence[RowPoints]) -> Array:
+    """(T, K, 3) m, nodes of a grid in the frame of its root."""
+    there, found = existing_nodes(grid), []
+    for nodes, directors in points:
+        d2, d3 = directors[0]
+        found.append((nodes[there] - nodes[0, 0]) @ np.array([np.cross(d2, d3), d2, d3]).T)
+    return np.array(found)
+
+
 def existing_nodes(feather: Feather) -> Flags:
     """(n, 1 + 2 m) nodes of the rachis and of barbs that are there."""
     grown = np.repeat(feather.barb_length.T > 0.0, feather.columns, axis=1)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from featherfx.feather.density import mean_distance
 from featherfx.feather.types import RowPoints
 from featherfx.lab.bench import promise
 from featherfx.lab.bench.promise import (
     judge,
-    mean_distance,
     measure_promise,
     measure_promises,
     random_shot,
@@ -72,10 +72,10 @@ def test_means_tell_a_bent_pose_and_a_wider_swing_and_no_phase_or_root_motion():
             off = length * away**2 * (bend + swing * np.sin(turn + phase)) * [0.6, 0.0, 0.8]
             return RowPoints(rest.nodes + off + shift * np.sin(turn), rest.directors)
 
-        return still._replace(points={0: [pose(turn) for turn in turns]})
+        return still.feathers[0], [pose(turn) for turn in turns]
 
     base = moving(0.1, 0.0)
     same, bent, wide = moving(0.1, 1.0, shift=0.1), moving(0.1, 1.0, 0.05), moving(0.2, 1.0)
-    assert mean_distance(base, same, still, 0, 0) < 1e-9
-    assert mean_distance(base, bent, still, 0, 0) == pytest.approx(0.05 * largest)
-    assert mean_distance(base, wide, still, 0, 0) == pytest.approx(0.1 * largest / 2**0.5)
+    for other, expected in ((same, 0.0), (bent, 0.05 * largest), (wide, 0.1 * largest / 2**0.5)):
+        found = mean_distance(still.feathers[0], base, other) / length
+        assert found == pytest.approx(expected, abs=1e-9)

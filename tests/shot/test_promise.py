@@ -12,6 +12,7 @@ from featherfx.baking.pipeline import bake
 from featherfx.errors import InputError
 from featherfx.files.disk_cache import nothing_kept
 from featherfx.groom.keys.preset import Quality
+from featherfx.groom.presets.presets import list_presets
 from featherfx.lab.bench.promise import errors, fixed_quality, random_shot, run
 from featherfx.shot.loop import calibration, contact_error
 from featherfx.shot.loop.calibration import stratify
@@ -21,6 +22,7 @@ from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options.options import (
     TIME,
     common_tolerance,
+    first_grid,
     resolve_options,
     simulation_quality,
     stepped_down,
@@ -122,10 +124,19 @@ def test_what_is_measured_depends_on_the_shot_alone(gust):
 
 
 @pytest.mark.nightly
-def test_feathers_that_flutter_have_no_unique_answer():
-    """A body contour feather across 20 m/s, of which every grid has its own flutter."""
-    shot = part_of(random_shot(0, ["alula", "auricular", "body_contour"]), np.array([2]))
-    assert options_of(shot).measured[0].is_unique is False
+def test_mean_pose_and_swing_are_measured_of_what_flutters():
+    """An ostrich plume, of which every grid has its own flutter."""
+    kinds = sorted(each.path.stem for each in list_presets() if each.family == "feather")
+    shot = part_of(random_shot(9100, kinds), np.array([1]))
+    found, begun = options_of(shot), first_grid(shot.quality.promised)
+    (measured,) = found.measured
+    assert not measured.is_unique
+    assert measured.space > begun.space
+    assert 0.2 * shot.quality.promised < measured.error <= shot.quality.promised
+    simulation = simulate(shot, frames=(shot.first_frame, shot.first_frame))
+    list(simulation)
+    assert simulation.report["undefined"] == {"ostrich_plume": ["f1"]}
+    assert simulation.report["error_measured"] == 100.0 * measured.error
 
 
 def test_presets_promise_errors_and_have_numbers_where_feathers_push_each_other(gust):
@@ -231,8 +242,9 @@ def test_errors_of_feathers_that_push_each_other_are_measured(tmp_path, monkeypa
     monkeypatch.setattr(contact_error, "simulate_window", lambda shot, window: [None, None])
     monkeypatch.setattr(contact_error, "run_distance", lambda one, other: 0.1)
     with nothing_kept():
-        told = contact_error.measure_contact_error(read_shot(tmp_path / "s.toml"))
-    assert told["undefined"] == {"covert": ["covert_01", "covert_02"]}
+        before = {"undefined": {"covert": ["covert_01"], "down": ["d"]}}
+        told = contact_error.add_contact_error(read_shot(tmp_path / "s.toml"), before)
+    assert told["undefined"] == {"covert": ["covert_01", "covert_02"], "down": ["d"]}
     assert told["error_measured"] is None
 
 
@@ -252,7 +264,7 @@ def test_neighbours_of_two_kinds_are_measured_once(tmp_path, monkeypatch):
     )
     monkeypatch.setattr(contact_error, "run_distance", lambda one, other: 0.0)
     with nothing_kept():
-        found = contact_error.measure_contact_error(read_shot(tmp_path / "s.toml"))
+        found = contact_error.add_contact_error(read_shot(tmp_path / "s.toml"), {"undefined": {}})
     assert found["error_measured"] == 0.0
     assert len(runs) == 3  # as it is, finer in time, finer in space
 

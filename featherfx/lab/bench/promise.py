@@ -16,7 +16,7 @@ node from its mean. A case is
     undefined   reference and check rest in two poses, or do not agree on mean and swing
     broken      all others
 
-told counts the undefined cases that the bake named.
+told: the bake named the feather as undefined, or its kind as one that cannot keep the error.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ import numpy as np
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
-from featherfx.feather.density import carry_all, existing_nodes, max_distance
+from featherfx.feather.density import carry_all, existing_nodes, max_distance, mean_distance
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.groom.keys.preset import Quality
 from featherfx.groom.presets.presets import list_presets, load_preset
 from featherfx.groom.types import FeatherKind
-from featherfx.shot.loop.contact_error import measure_contact_error
+from featherfx.shot.loop.contact_error import add_contact_error
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.options.options import MAX_COEFFICIENTS, FeatherOptions
 from featherfx.shot.patterns import part_of
@@ -132,8 +132,9 @@ def measure_promise(seed: int, kinds: Sequence[str]) -> list[PromiseCase]:
     shot = random_shot(seed, kinds)
     found, promised = run(shot), shot.quality.promised
     assert promised is not None
-    report = found.report | measure_contact_error(shot)
-    named = {each for names in report.get("undefined", {}).values() for each in names}
+    report = add_contact_error(shot, found.report)
+    named = {each for names in report["undefined"].values() for each in names}
+    over = report.get("over_promised", {})
     every = np.arange(len(shot.groom.feathers))
     cases = []
     for some in [every] if shot.contact is not None else np.split(every, len(every)):
@@ -145,7 +146,7 @@ def measure_promise(seed: int, kinds: Sequence[str]) -> list[PromiseCase]:
                     feather=f"{placement.id} ({placement.kind.name})",
                     contact=shot.contact is not None,
                     promised=100.0 * promised,
-                    told=placement.id in named,
+                    told=placement.id in named or placement.kind.name in over,
                     **judged,
                 )
             )
@@ -202,7 +203,10 @@ def _means(shot: Shot, found: FineRun, some: Indices, own: FineRun, parted: Indi
         longer = replace(shot, last_frame=shot.first_frame + frames - 1)
         runs = [run(_finer(longer, found, each, some)) for each in (1, _FINER, _CHECK)]
         for k in np.flatnonzero(parts).tolist():
-            means[k] = [mean_distance(*each, own, k, parted[k]) for each in pairwise(runs)]
+            grid, first = own.feathers[k], parted[k]
+            poses = [(each.feathers[k], each.points[k][first:]) for each in runs]
+            apart = [mean_distance(grid, *each) for each in pairwise(poses)]
+            means[k] = np.array(apart) / grid.station[-1]
         if (means <= promised).all():
             break
     return means
@@ -221,34 +225,11 @@ def _ways(one: FineRun, other: FineRun, onto: FineRun | None = None) -> Array:
     )
 
 
-def mean_distance(one: FineRun, other: FineRun, onto: FineRun, k: int, first: int) -> float:
-    """Return the largest distance of the mean poses of feather k in two runs from a frame on, as
-    seen from its root, or the difference of their swings, over the length.
-
-    onto: a run that has the grid on which they are compared.
-    """
-    grid = onto.feathers[k]
-    nodes = [_nodes(each, k, grid, from_root=True)[first:] for each in (one, other)]
-    mean = [each.mean(axis=0) for each in nodes]
-    swing = [
-        np.sqrt(((each - middle) ** 2).sum(axis=-1).mean(axis=0)).max()
-        for each, middle in zip(nodes, mean, strict=True)
-    ]
-    apart = np.linalg.norm(mean[0] - mean[1], axis=-1).max()
-    return float(max(apart, abs(swing[0] - swing[1])) / grid.station[-1])
-
-
-def _nodes(found: FineRun, k: int, grid: Feather, from_root: bool = False) -> Array:
+def _nodes(found: FineRun, k: int, grid: Feather) -> Array:
     """(T, K, 3) m, where a run has the nodes of a grid of its feather k at every frame."""
     there = existing_nodes(grid)
     carried = carry_all(found.feathers[k], grid, found.points[k])
-    if not from_root:
-        return np.array([each.nodes[there] for each in carried])
-    found_nodes = []
-    for nodes, directors in carried:
-        d2, d3 = directors[0]
-        found_nodes.append((nodes[there] - nodes[0, 0]) @ np.array([np.cross(d2, d3), d2, d3]).T)
-    return np.array(found_nodes)
+    return np.array([each.nodes[there] for each in carried])
 
 
 def _finer(shot: Shot, found: FineRun, finer: int, some: Indices) -> Shot:

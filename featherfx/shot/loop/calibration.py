@@ -2,8 +2,7 @@
 
 Feathers are alike in strata by kind, size and load. Of each stratum a sample is
 simulated before the first frame: where the shot begins, settling included, and where its loads are
-largest. A feather that finds no rest there flutters: its way is chaotic, and is not measured. What
-a setting errs by follows from what finer ones differ by,
+largest. What a setting errs by follows from what finer ones differ by,
 
     e = e_space + e_time,     e_space = 4/3 |x - x_s|,     e_time = 5/4 |x - x_t|
 
@@ -11,9 +10,16 @@ largest distance of any node at any frame, over the length. x_s has twice the ro
 which errors are of second order, and one coefficient more; x_t a tenth of the tolerance, of which
 they go with the power 0.7. Each part is raised by as many levels of SPACE or TIME as it is too
 large for, and measured again in the windows where it is large; where it is far below, it is lowered
-once. Where the finest settings do not keep the error, the report has the figure. Where finer
-settings do not come nearer to each other, the feather has no unique answer, as where it has several
-rest poses or flutters; the report names it.
+once. Where the finest settings do not keep the error, the report has the figure.
+
+A feather that finds no rest flutters, and finer settings may lead ever elsewhere: it has no unique
+answer, and the report names it. Its mean pose and swing are unique. There
+
+    e = max(|m - m_s|, |m - m_t|)
+
+m the mean pose as seen from the root, and the RMS distance from it; over _MEAN_TIMES, the longer
+one where the shorter one does not suffice. That is measured of the feather of each kind that loads
+bend most; others of the kind that flutter take the same grid.
 
 A window begins at rest under the loads of its first sample. What a shot brings into it is not in
 its error, which is why a sample may err by a part of what is promised only (_MARGIN).
@@ -35,25 +41,27 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError, SimulationError
-from featherfx.feather.density import max_distance
-from featherfx.feather.types import Feather, RowPoints
 from featherfx.files.content import digest
 from featherfx.files.disk_cache import keep, kept, kept_before, nothing_kept
-from featherfx.groom.keys.preset import Quality
 from featherfx.jit.compile_progress import working_time
 from featherfx.mechanics.batch import may_slip
 from featherfx.shot.fingerprint import shot_settings
-from featherfx.shot.loop.simulate import simulate
+from featherfx.shot.loop.window_runs import (
+    FAILED_RUN,
+    MIN_FALL,
+    REST_RATIOS,
+    WINDOW,
+    Level,
+    Window,
+    WindowRun,
+    mean_run_distance,
+    quality_at,
+    run_distance,
+    simulate_window,
+)
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options.load_estimate import Deflection, LoadEstimate
-from featherfx.shot.options.options import (
-    MAX_COEFFICIENTS,
-    SPACE,
-    SPACE_NUMBERS,
-    TIME,
-    first_grid,
-    given_grid,
-)
+from featherfx.shot.options.options import SPACE, TIME, first_grid, given_grid
 from featherfx.shot.patterns import part_of
 from featherfx.shot.roots import NO_RUN_UP, PickedRoots, RootFrames, Roots, some_roots
 from featherfx.shot.types import MeasuredGrid, Shot
@@ -118,39 +126,17 @@ def _sample(members: list[int], deflections: Sequence[Deflection]) -> Indices:
 _MARGIN, _SHARES = 0.5, {"space": 0.6, "time": 0.4}
 # by how much an error falls from one level of SPACE and TIME to the next
 _FALL = 2.0
-# the error over the difference from what is finer: of second order, and of the power 0.7
-REST_RATIOS = {"space": 4.0 / 3.0, "time": 5.0 / 4.0}
-# what is finer: columns and intervals of rows, coefficients, tolerance
-_FINER_RATIO, _MORE_COEFFICIENTS, TIGHTER_RATIO = 2, 1, 10.0
 # rounds of measuring; levels at once; of a part's goal, to which it is lowered
-_ROUNDS, _MAX_STEPS, _LOW = 5, 2, 0.5
+_ROUNDS, _MAX_STEPS, _LOW = 8, 2, 0.5
 # of its largest error in any window, below which a window is measured no more
 _FAR = 0.25
 # of its goal, error of steps from which on these are refined alone
 _RESTLESS = 4.0
-# least fall of an error from round to round, that shows that finer settings come nearer
-MIN_FALL = 0.7
-# m, a tolerance that binds no feather, and the least of a quality
-_LARGEST, _MIN_TOLERANCE = 0.1, 1e-9
-# s, of each window; frames of what is pulled, at most
-WINDOW, _MAX_PULLED_FRAMES = 0.17, 36
-
-# of SPACE and TIME, and which of them is finer
-Level = tuple[int, int, str]
-# (first, last) sample
-Window = tuple[int, int]
-
-
-class WindowRun(NamedTuple):
-    """A feather as it was simulated, and its points at every sample of its windows, None where a
-    step failed; whether it found no rest at the first."""
-
-    feather: Feather | None
-    points: list[RowPoints]
-    flutters: bool
-
-
-_FAILED = WindowRun(None, [], False)
+# frames of what is pulled, at most
+_MAX_PULLED_FRAMES = 36
+# s, over which means are taken: some ten periods of a flapping plume, and four times as many; and
+# times the frames of a shot, which these are at most
+_MEAN_TIMES, _MAX_SHOTS = (1.0, 4.0), 8
 
 
 def measure_grids(
@@ -222,9 +208,10 @@ def _measured(
     leaving = {f for each in strata if each.is_free for f in each.sample.tolist()}
     windows = [_windows(shot, loads, deflections, f, f in leaving) for f in sample.tolist()]
     search = _Search(shot, sample, error, windows)
+    bent = [-deflections[f].rachis / shot.groom.feathers[f].kind.length for f in sample.tolist()]
     with nothing_kept(), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the bake itself warns
-        if not search.go(until):
+        if not search.go(np.argsort(bent, kind="stable").tolist(), until):
             return None
     place = {f: k for k, f in enumerate(sample.tolist())}
     rows = []
@@ -269,67 +256,125 @@ class _Search:
         self._roots = _KnownRoots(some_roots(root_motion(shot), sample))
         self._runs: list[dict[tuple[Level, Window], WindowRun]] = [{} for _ in sample]
         self._lengths = np.array([shot.groom.feathers[f].kind.length for f in sample])
-        first = first_grid(error)
+        self._first = first = first_grid(error)
         self._levels = [(first.space, first.time) for _ in sample]
         # what of each is measured next, by which parts: none where finer runs are known
         self._wanted: list[tuple[str, ...]] = [("space", "time") for _ in sample]
         self._parts: list[dict[str, float]] = [{} for _ in sample]
+        self._raised: list[dict[str, int]] = [{} for _ in sample]  # the last time
+        # windows whose poses have an answer, and others; how many of _MEAN_TIMES were tried
+        self._calm, self._restless = list(windows), [list[Window]() for _ in sample]
+        self._means, self._pose_errors = [0 for _ in sample], [0.0 for _ in sample]
+        self._standing: dict[str, int] = {}  # for those of its kind that flutter
         self.found = [first for _ in sample]
 
-    def go(self, until: float) -> bool:
-        """Measure until all have their levels; whether the time (s of this process) sufficed."""
-        left = list(range(len(self._sample)))
-        for number in range(_ROUNDS):
+    def go(self, order: Sequence[int], until: float) -> bool:
+        """Measure until all have their levels; whether the time (s of this process) sufficed.
+
+        order: of the sample; what comes first stands for others of its kind that flutter.
+        """
+        left = list(order)
+        for _ in range(_ROUNDS):
             if not self._run(left, until):
                 return False
-            left = [k for k in left if self._step(k, number)]
+            left = [k for k in left if self._step(k)]
+        for k, own in enumerate(self.found):
+            if not own.is_unique:
+                other = self.found[self._standing.get(self._kind(k), k)]
+                space, time = max(own.space, other.space), max(own.time, other.time)
+                error = max(other.error, self._pose_errors[k])
+                self.found[k] = MeasuredGrid(space, time, error, False)
         return True
 
-    def _step(self, k: int, number: int) -> bool:
+    def _kind(self, k: int) -> str:
+        return self._shot.groom.feathers[int(self._sample[k])].kind.name
+
+    def _step(self, k: int) -> bool:
         """Take what was measured of a feather into account; whether it goes on."""
+        if restless := [each for each in self._windows[k] if self._flutters(k, each)]:
+            return self._set_aside(k, restless)
         space, time = self._levels[k]
-        if self._flutters(k):
-            self.found[k] = self.found[k]._replace(is_unique=False)
-            return False
         if not self._wanted[k]:
             # lowered: what is finer is known
             fine = {level for level, _ in self._runs[k] if level[2]}
             error = REST_RATIOS["space"] * max(self._distance(k, each) for each in fine)
             if error <= self._goal:
-                self.found[k] = MeasuredGrid(space, time, error, True)
-            return False
+                self.found[k] = self.found[k]._replace(space=space, time=time, error=error)
+            return self._take_means(k)
         before, parts = dict(self._parts[k]), self._parts[k]
         for name in self._wanted[k]:
-            parts[name] = REST_RATIOS[name] * self._distance(k, (space, time, name))
-        error, known = sum(parts.values()), self.found[k]
-        over = {name: parts[name] / (share * self._goal) for name, share in _SHARES.items()}
-        if error < known.error:
-            self.found[k] = MeasuredGrid(space, time, error, True)
-        if error <= self._goal:
+            parts[name] = self._part(k, name, self._windows[k])
+        if self._means[k]:
+            error, goal, shares = max(parts.values()), self._promised, dict.fromkeys(_SHARES, 1.0)
+        else:
+            error, goal, shares = sum(parts.values()), self._goal, _SHARES
+        over = {name: parts[name] / (share * goal) for name, share in shares.items()}
+        if error < self.found[k].error:
+            self.found[k] = self.found[k]._replace(space=space, time=time, error=error)
+        if error <= goal and self._means[k]:
+            return False
+        if error <= goal:
             lower = {name: _steps(_LOW / max(each, 1e-9)) for name, each in over.items()}
             self._wanted[k] = ()
-            return self._move(k, {name: -each for name, each in lower.items()})
+            lowered = self._move(k, {name: -each for name, each in lower.items()})
+            return lowered or self._take_means(k)
+        if self._means[k] and self._take_means(k):
+            return True
         worse = max(self._wanted[k], key=lambda name: over[name])
-        if number and not parts[worse] <= MIN_FALL * before[worse]:
+        least = MIN_FALL ** self._raised[k].get(worse, 0)
+        if worse in before and not parts[worse] <= least * before[worse]:
             # finer settings do not come nearer to each other; where some of them are given, these
             # are why
-            is_unique = error <= self._promised or bool(given_grid(self._shot.quality))
-            self.found[k] = self.found[k]._replace(is_unique=is_unique)
-            return False
+            if self._means[k] or error <= self._promised or given_grid(self._shot.quality):
+                return self._take_means(k)
+            apart = {each: self._error(k, [each]) for each in self._windows[k]}
+            most = min(self._promised, max(apart.values()))
+            return self._set_aside(k, [each for each, own in apart.items() if own >= most])
         # where it errs by far less, finer settings are not measured
-        by_window = {each: self._error(k, each) for each in self._windows[k]}
+        by_window = {each: self._error(k, [each]) for each in self._windows[k]}
         most = _FAR * max(by_window.values())
         self._windows[k] = tuple(each for each, own in by_window.items() if own >= most)
-        raised = {name: _steps(each) for name, each in over.items()}
+        self._raised[k] = {name: _steps(each) for name, each in over.items()}
         if over["time"] > _RESTLESS:
-            raised["space"] = 0  # whether steps converge shows at less cost
-        self._wanted[k] = tuple(name for name, each in raised.items() if each)
-        return self._move(k, raised)
+            self._raised[k]["space"] = 0  # whether steps converge shows at less cost
+        self._wanted[k] = tuple(name for name, each in self._raised[k].items() if each)
+        return self._move(k, self._raised[k]) or self._take_means(k)
 
-    def _flutters(self, k: int) -> bool:
-        """Return whether a feather flutters at its levels where one of its windows begins."""
-        own = (((*self._levels[k], ""), each) for each in self._windows[k])
-        return any(self._runs[k][each].flutters for each in own if each in self._runs[k])
+    def _set_aside(self, k: int, windows: Sequence[Window]) -> bool:
+        """Measure a feather anew before the first of windows without one answer; whether it goes
+        on."""
+        # what a feather has come to in one goes on in later ones
+        self._restless[k][:0] = [each for each in self._calm[k] if each >= min(windows)]
+        self._calm[k] = tuple(each for each in self._calm[k] if each < min(windows))
+        self._windows[k], self.found[k] = self._calm[k], self._first._replace(is_unique=False)
+        self._begin(k)
+        return bool(self._calm[k]) or self._take_means(k)
+
+    def _begin(self, k: int) -> None:
+        """Measure a feather at the levels found so far, by both parts."""
+        self._levels[k] = self.found[k].space, self.found[k].time
+        self._wanted[k], self._parts[k], self._raised[k] = tuple(_SHARES), {}, {}
+
+    def _take_means(self, k: int) -> bool:
+        """Go on with means, over the next of _MEAN_TIMES; whether there are any."""
+        number, shot = self._means[k], self._shot
+        stands = self._standing.setdefault(self._kind(k), k) if self._restless[k] else -1
+        if stands != k or number == len(_MEAN_TIMES):
+            return False
+        first, last = self._restless[k][-1][0], shot.last_frame - shot.first_frame
+        frames = round(_MEAN_TIMES[number] * shot.frames_per_second)
+        self._windows[k] = ((first, first + min(frames, _MAX_SHOTS * max(last, 1))),)
+        if number == 0 and math.isfinite(error := self.found[k].error):
+            self._pose_errors[k] = error
+        self._begin(k)
+        self.found[k] = self.found[k]._replace(error=math.inf)
+        self._means[k] += 1
+        return True
+
+    def _flutters(self, k: int, window: Window) -> bool:
+        """Return whether poses are asked of a feather that flutters where a window begins."""
+        run = self._runs[k].get(((*self._levels[k], ""), window))
+        return run is not None and run.flutters and not self._means[k]
 
     def _move(self, k: int, steps: Mapping[str, int]) -> bool:
         """Go to other levels of a feather; whether there are any."""
@@ -338,17 +383,21 @@ class _Search:
         going, self._levels[k] = (space, time) != self._levels[k], (space, time)
         return going
 
-    def _error(self, k: int, window: Window) -> float:
-        """Return the error of a feather in one window, over its length, at its levels."""
-        names = self._wanted[k]
-        return max(self._distance(k, (*self._levels[k], name), [window]) for name in names)
+    def _error(self, k: int, windows: Sequence[Window]) -> float:
+        """Return the error of a feather in some windows, over its length, at its levels."""
+        return max(self._part(k, name, windows) for name in self._wanted[k])
+
+    def _part(self, k: int, name: str, windows: Sequence[Window]) -> float:
+        ratio = 1.0 if self._means[k] else REST_RATIOS[name]
+        return ratio * self._distance(k, (*self._levels[k], name), windows)
 
     def _distance(self, k: int, level: Level, windows: Sequence[Window] = ()) -> float:
         """Distance of a feather at its levels from a finer run of it, over its length."""
         most, own = 0.0, (*self._levels[k], "")
+        apart = mean_run_distance if self._means[k] else run_distance
         for window in windows or self._windows[k]:
             here, other = (self._runs[k][each, window] for each in (own, level))
-            most = max(most, run_distance(here, other) / float(self._lengths[k]))
+            most = max(most, apart(here, other) / float(self._lengths[k]))
         return most
 
     def _run(self, chosen: Iterable[int], until: float) -> bool:
@@ -362,7 +411,7 @@ class _Search:
                     wanted.setdefault(each, []).append(k)
         for (level, window), left in sorted(wanted.items()):
             # finer runs come after those that show it
-            members = [k for k in left if not self._flutters(k)]
+            members = [k for k in left if not self._flutters(k, window)]
             if not members:
                 continue
             if working_time() > until:
@@ -380,7 +429,7 @@ class _Search:
             runs = simulate_window(part, window, PickedRoots(self._roots, chosen))
         except (SimulationError, InputError):  # or a vane that folds over itself on a finer grid
             if len(members) == 1:
-                return [_FAILED]
+                return [FAILED_RUN]
             return [run for k in members for run in self._simulated(level, window, [k])]
         return [runs[place] for place in np.argsort(order)]
 
@@ -396,55 +445,6 @@ class _KnownRoots:
         if time not in self.known:
             self.known[time] = self.motion.frames(time)
         return self.known[time]
-
-
-def simulate_window(shot: Shot, window: Window, motion: Roots | None = None) -> list[WindowRun]:
-    """Simulate the feathers of a shot in a window that they begin at rest. motion: of the roots,
-    None: the shot's own."""
-    first, last = (shot.first_frame + each for each in window)
-    simulation = simulate(shot, frames=(first, last), begin=window[0], motion=motion)
-    points: list[list[RowPoints]] = [[] for _ in shot.groom.feathers]
-    for _ in simulation:
-        for f, (_, now) in simulation.simulated().items():
-            points[f].append(RowPoints(now.nodes.copy(), now.directors.copy()))
-    feathers, fluttering = simulation.simulated(), simulation.fluttering()
-    return [WindowRun(feathers[f][0], own, f in fluttering) for f, own in enumerate(points)]
-
-
-def run_distance(one: WindowRun, other: WindowRun) -> float:
-    """Return the largest distance (m) of a feather's nodes from a finer run of it."""
-    if one.feather is None or other.feather is None:
-        return math.inf
-    return max_distance(one.feather, other.feather, one.points, other.points)
-
-
-def quality_at(quality: Quality, level: Level) -> Quality:
-    """Return the quality that simulates all feathers at one level; its own numbers overrule it."""
-    grid = dict(zip(SPACE_NUMBERS, SPACE[level[0]], strict=True)) | given_grid(quality)
-    tolerance, relative = (
-        quality.tolerance or _LARGEST,
-        1.0 if quality.tolerance else TIME[level[1]],
-    )
-    found = quality.on_grid(*grid.values(), tolerance=tolerance, relative_tolerance=relative)
-    return refine_quality(found, level[2]) if level[2] else found
-
-
-def refine_quality(quality: Quality, name: str, times: int = 1) -> Quality:
-    """Return the quality of one grid finer in "space" or "time", so many times."""
-    if name == "time":
-        ratio = TIGHTER_RATIO**times
-        assert quality.tolerance is not None
-        return replace(
-            quality,
-            tolerance=max(quality.tolerance / ratio, _MIN_TOLERANCE),
-            relative_tolerance=quality.relative_tolerance / ratio,
-        )
-    return replace(
-        quality,
-        rows=_FINER_RATIO**times * (quality.rows - 1) + 1,
-        columns=_FINER_RATIO**times * quality.own_columns,
-        coefficients=min(quality.coefficients + times * _MORE_COEFFICIENTS, MAX_COEFFICIENTS),
-    )
 
 
 def _steps(ratio: float) -> int:

@@ -5,7 +5,7 @@ It is simulated in contact where the shot begins, settling included, as the shot
 
     e = e_space + e_time,     e_space = 4/3 |x - x_s|,     e_time = 5/4 |x - x_t|
 
-with the distances and finer settings of calibration.py. Where a tenth of the tolerance leads
+with the distances and finer settings of window_runs.py. Where a tenth of the tolerance leads
 elsewhere, and a hundredth is no nearer to it, feathers have no unique answer.
 """
 
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -24,7 +24,8 @@ from featherfx.errors import SimulationError
 from featherfx.files.content import digest
 from featherfx.files.disk_cache import kept, nothing_kept
 from featherfx.shot.fingerprint import shot_settings
-from featherfx.shot.loop.calibration import (
+from featherfx.shot.loop.run import drawn_feathers, report_errors
+from featherfx.shot.loop.window_runs import (
     MIN_FALL,
     REST_RATIOS,
     TIGHTER_RATIO,
@@ -34,7 +35,6 @@ from featherfx.shot.loop.calibration import (
     run_distance,
     simulate_window,
 )
-from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options.load_estimate import estimate_deflections, estimate_loads
 from featherfx.shot.options.options import FeatherOptions, resolve_options
@@ -47,40 +47,34 @@ _MAX_PATCHES, PATCH_SIZE = 4, 3
 
 
 class PatchErrors(NamedTuple):
-    """Errors of S feathers in contact. feathers: (S,) numbers. error: (S,) over the length; inf
-    where a finer one failed. unique: (S,) whether finer steps come nearer to each other."""
+    """Errors of S feathers in contact. feathers: (S,) numbers. error: (S,) over the length. unique:
+    (S,) whether finer steps come nearer to each other, and could be solved."""
 
     feathers: Indices
     error: Array
     unique: Array
 
 
-def measure_contact_error(shot: Shot) -> dict[str, Any]:
-    """Measure errors of a shot with contact, as a report has them (ErrorStage.report); {} where no
-    error is asked for, or no two feathers push each other."""
+def add_contact_error(shot: Shot, report: Mapping[str, Any]) -> dict[str, Any]:
+    """Add errors of feathers that push each other to the report of a shot (report_errors), where an
+    error is asked for and any do."""
     promised = shot.quality.promised
     if shot.contact is None or promised is None:
-        return {}
+        return {**report}
     arrays = kept(
         "contact-errors", [digest(shot_settings(shot))], lambda: _measured(shot)._asdict()
     )
-    found, placements = PatchErrors(**arrays), shot.groom.feathers
-    if not len(found.feathers):
-        return {}
-    undefined, worst = dict[str, list[str]](), dict[str, float]()
-    for f, error, unique in zip(*(each.tolist() for each in found), strict=True):
-        placement = placements[f]
-        if not unique:
-            undefined.setdefault(placement.kind.name, []).append(placement.id)
-        else:
-            worst[placement.kind.name] = max(worst.get(placement.kind.name, 0.0), 100.0 * error)
-    over = {kind: each for kind, each in worst.items() if each > 100.0 * promised}
-    report = {
-        "error_promised": 100.0 * promised,
-        "error_measured": max(worst.values(), default=None),
-        "undefined": undefined,
+    found = PatchErrors(**arrays)
+    numbers, errors, unique = (each.tolist() for each in found)
+    if not numbers:
+        return {**report}
+    known = [(error if own else math.inf, own) for error, own in zip(errors, unique, strict=True)]
+    told = report_errors(shot, promised, dict(zip(numbers, known, strict=True)))
+    before, after = report["undefined"], told["undefined"]
+    told["undefined"] = {
+        kind: sorted({*before.get(kind, ()), *after.get(kind, ())}) for kind in {**before, **after}
     }
-    return report | ({"over_promised": over} if over else {})
+    return {key: each for key, each in {**report, **told}.items() if key != "error_not_promised"}
 
 
 def nearest_pushing(shot: Shot, options: Sequence[FeatherOptions], centre: int) -> Indices:
@@ -113,7 +107,7 @@ def _measured(shot: Shot) -> PatchErrors:
     return PatchErrors(
         np.array(numbers, dtype=np.int64),
         np.array([found[f][0] for f in numbers]),
-        np.array([found[f][1] for f in numbers], dtype=np.bool_),
+        np.array([found[f][1] and math.isfinite(found[f][0]) for f in numbers], dtype=np.bool_),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -308,28 +309,45 @@ class ErrorStage(Stage):
     """Promised and measured error of the feathers that are simulated in full."""
 
     def report(self) -> dict[str, Any]:
-        """Return error_promised and error_measured, percent of the length, None where none is;
-        feathers that have no unique answer, ids by kind (undefined); kinds that cannot keep the
-        error (over_promised)."""
-        run, undefined = self.run, dict[str, list[str]]()
-        options, placements = run.options, run.shot.groom.feathers
+        """Return the figures of report_errors, and why no error is promised."""
+        run, options, found = self.run, self.run.options, dict[int, tuple[float, bool]]()
         several = {int(f) for g in run.groups for f in g.members[g.several]}
-        worst = dict[str, float]()
         for f in sorted(int(f) for g in run.groups for f in g.members):
-            placement = placements[f]
-            measured = options.measured[f] if options.measured else None
-            if f in several or (measured is not None and not measured.is_unique):
-                undefined.setdefault(placement.kind.name, []).append(placement.id)
-            elif measured is not None and options.feathers[f].level == "full":
-                name = placement.kind.name
-                worst[name] = max(worst.get(name, 0.0), 100.0 * measured.error)
-        error = options.promised_error
-        found: dict[str, Any] = {
-            "error_promised": None if error is None else 100.0 * error,
-            "error_measured": max(worst.values(), default=None),
-            "undefined": undefined,
-        }
-        if error is None:
-            return found | {"error_not_promised": options.why_not_promised}
-        over = {k: each for k, each in worst.items() if each > 100.0 * error}
-        return found | ({"over_promised": over} if over else {})
+            error, is_unique = math.inf, True
+            if options.measured:
+                _, _, error, is_unique = options.measured[f]
+                is_unique &= math.isfinite(error)
+            if f in several or options.feathers[f].level != "full":
+                error, is_unique = math.inf, is_unique and f not in several
+            found[f] = error, is_unique
+        told = report_errors(run.shot, options.promised_error, found)
+        if options.promised_error is None:
+            told |= {"error_not_promised": options.why_not_promised}
+        return told
+
+
+def report_errors(
+    shot: Shot, promised: float | None, measured: Mapping[int, tuple[float, bool]]
+) -> dict[str, Any]:
+    """Return error_promised and error_measured, percent of the length, None where none is; ids by
+    kind of feathers that have no unique answer (undefined); kinds that cannot keep the error
+    (over_promised).
+
+    measured: of feathers by number, the error over the length, inf where none was measured, and
+    whether there is a unique answer, of which it is; else it is of mean pose and swing.
+    """
+    undefined, worst = dict[str, list[str]](), dict[str, float]()
+    for f, (error, is_unique) in measured.items():
+        placement = shot.groom.feathers[f]
+        kind = placement.kind.name
+        if not is_unique:
+            undefined.setdefault(kind, []).append(placement.id)
+        if math.isfinite(error):
+            worst[kind] = max(worst.get(kind, 0.0), 100.0 * error)
+    found: dict[str, Any] = {
+        "error_promised": None if promised is None else 100.0 * promised,
+        "error_measured": max(worst.values(), default=None),
+        "undefined": undefined,
+    }
+    over = {k: each for k, each in worst.items() if promised and each > 100.0 * promised}
+    return found | ({"over_promised": over} if over else {})
