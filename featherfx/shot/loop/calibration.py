@@ -127,7 +127,7 @@ _MARGIN, _SHARES = 0.5, {"space": 0.6, "time": 0.4}
 # by how much an error falls from one level of SPACE and TIME to the next
 _FALL = 2.0
 # rounds of measuring; levels at once; of a part's goal, to which it is lowered
-_ROUNDS, _MAX_STEPS, _LOW = 8, 2, 0.5
+_ROUNDS, _MAX_STEPS, _LOW = 12, 2, 0.5
 # of its largest error in any window, below which a window is measured no more
 _FAR = 0.25
 # of its goal, error of steps from which on these are refined alone
@@ -260,13 +260,15 @@ class _Search:
         self._levels = [(first.space, first.time) for _ in sample]
         # what of each is measured next, by which parts: none where finer runs are known
         self._wanted: list[tuple[str, ...]] = [("space", "time") for _ in sample]
-        self._parts: list[dict[str, float]] = [{} for _ in sample]
-        self._raised: list[dict[str, int]] = [{} for _ in sample]  # the last time
+        # errors by part and window, and levels by which parts were raised, the last time
+        self._seen: list[dict[tuple[str, Window], float]] = [{} for _ in sample]
+        self._raised: list[dict[str, int]] = [{} for _ in sample]
         # windows whose poses have an answer, and others; how many of _MEAN_TIMES were tried
         self._calm, self._restless = list(windows), [list[Window]() for _ in sample]
-        self._means, self._pose_errors = [0 for _ in sample], [0.0 for _ in sample]
+        self._means = [0 for _ in sample]
         self._standing: dict[str, int] = {}  # for those of its kind that flutter
-        self.found = [first for _ in sample]
+        # of poses, and in the end
+        self._of_poses, self.found = [first for _ in sample], [first for _ in sample]
 
     def go(self, order: Sequence[int], until: float) -> bool:
         """Measure until all have their levels; whether the time (s of this process) sufficed.
@@ -280,9 +282,9 @@ class _Search:
             left = [k for k in left if self._step(k)]
         for k, own in enumerate(self.found):
             if not own.is_unique:
-                other = self.found[self._standing.get(self._kind(k), k)]
-                space, time = max(own.space, other.space), max(own.time, other.time)
-                error = max(other.error, self._pose_errors[k])
+                poses, means = self._of_poses[k], self.found[self._standing.get(self._kind(k), k)]
+                space, time = (max(each) for each in zip(poses[:2], means[:2], strict=True))
+                error = max(means.error, poses.error if math.isfinite(poses.error) else 0.0)
                 self.found[k] = MeasuredGrid(space, time, error, False)
         return True
 
@@ -296,49 +298,56 @@ class _Search:
         space, time = self._levels[k]
         if not self._wanted[k]:
             # lowered: what is finer is known
-            fine = {level for level, _ in self._runs[k] if level[2]}
+            runs = {level for level, _ in self._runs[k] if level[2]}
+            fine = [e for e in runs if all((e, each) in self._runs[k] for each in self._windows[k])]
             error = REST_RATIOS["space"] * max(self._distance(k, each) for each in fine)
             if error <= self._goal:
                 self.found[k] = self.found[k]._replace(space=space, time=time, error=error)
             return self._take_means(k)
-        before, parts = dict(self._parts[k]), self._parts[k]
-        for name in self._wanted[k]:
-            parts[name] = self._part(k, name, self._windows[k])
+        windows, before = self._windows[k], dict(self._seen[k])
+        seen = self._seen[k]
+        for name, each in product(self._wanted[k], windows):
+            seen[name, each] = self._part(k, name, each)
+        parts = {name: max(seen[name, each] for each in windows) for name in _SHARES}
+        goal, shares, error = self._goal, _SHARES, sum(parts.values())
         if self._means[k]:
-            error, goal, shares = max(parts.values()), self._promised, dict.fromkeys(_SHARES, 1.0)
-        else:
-            error, goal, shares = sum(parts.values()), self._goal, _SHARES
+            goal, shares, error = self._promised, dict.fromkeys(_SHARES, 1.0), max(parts.values())
         over = {name: parts[name] / (share * goal) for name, share in shares.items()}
         if error < self.found[k].error:
             self.found[k] = self.found[k]._replace(space=space, time=time, error=error)
-        if error <= goal and self._means[k]:
-            return False
         if error <= goal:
-            lower = {name: _steps(_LOW / max(each, 1e-9)) for name, each in over.items()}
+            lower = {name: -_steps(_LOW / max(each, 1e-9)) for name, each in over.items()}
             self._wanted[k] = ()
-            lowered = self._move(k, {name: -each for name, each in lower.items()})
-            return lowered or self._take_means(k)
+            return not self._means[k] and (self._move(k, lower) or self._take_means(k))
         if self._means[k] and self._take_means(k):
             return True
-        worse = max(self._wanted[k], key=lambda name: over[name])
-        least = MIN_FALL ** self._raised[k].get(worse, 0)
-        if worse in before and not parts[worse] <= least * before[worse]:
-            # finer settings do not come nearer to each other; where some of them are given, these
-            # are why
-            if self._means[k] or error <= self._promised or given_grid(self._shot.quality):
-                return self._take_means(k)
-            apart = {each: self._error(k, [each]) for each in self._windows[k]}
-            most = min(self._promised, max(apart.values()))
-            return self._set_aside(k, [each for each, own in apart.items() if own >= most])
+        # parts of which finer settings do not come nearer to each other, where they err most; where
+        # some of these are given, they are why
+        by_window = {each: max(seen[name, each] for name in self._wanted[k]) for each in windows}
+        stuck = dict[str, list[Window]]()
+        for name in self._wanted[k]:
+            steps = self._raised[k].get(name, 0) if over[name] > _RESTLESS else 1
+            least = MIN_FALL**steps
+            own = [
+                w for w in windows if not seen[name, w] <= least * before.get((name, w), math.inf)
+            ]
+            if max(windows, key=lambda each: seen[name, each]) in own:
+                stuck[name] = own
+        apart = [each for own in stuck.values() for each in own if by_window[each] > self._promised]
+        is_judged = self._means[k] or self.found[k].error <= self._promised
+        if apart and not is_judged and not given_grid(self._shot.quality):
+            return self._set_aside(k, apart)
         # where it errs by far less, finer settings are not measured
-        by_window = {each: self._error(k, [each]) for each in self._windows[k]}
         most = _FAR * max(by_window.values())
         self._windows[k] = tuple(each for each, own in by_window.items() if own >= most)
-        self._raised[k] = {name: _steps(each) for name, each in over.items()}
-        if over["time"] > _RESTLESS:
-            self._raised[k]["space"] = 0  # whether steps converge shows at less cost
-        self._wanted[k] = tuple(name for name, each in self._raised[k].items() if each)
-        return self._move(k, self._raised[k]) or self._take_means(k)
+        raised = {name: 0 if name in stuck else _steps(each) for name, each in over.items()}
+        if over["time"] > _RESTLESS and raised["time"] and time < len(TIME) - 1:
+            raised["space"] = 0  # whether steps converge shows at less cost
+        self._raised[k], self._wanted[k] = (
+            raised,
+            tuple(name for name, each in raised.items() if each),
+        )
+        return self._move(k, raised) or self._take_means(k)
 
     def _set_aside(self, k: int, windows: Sequence[Window]) -> bool:
         """Measure a feather anew before the first of windows without one answer; whether it goes
@@ -346,28 +355,27 @@ class _Search:
         # what a feather has come to in one goes on in later ones
         self._restless[k][:0] = [each for each in self._calm[k] if each >= min(windows)]
         self._calm[k] = tuple(each for each in self._calm[k] if each < min(windows))
-        self._windows[k], self.found[k] = self._calm[k], self._first._replace(is_unique=False)
-        self._begin(k)
+        self._begin(k, self._calm[k], self._first)
         return bool(self._calm[k]) or self._take_means(k)
 
-    def _begin(self, k: int) -> None:
-        """Measure a feather at the levels found so far, by both parts."""
-        self._levels[k] = self.found[k].space, self.found[k].time
-        self._wanted[k], self._parts[k], self._raised[k] = tuple(_SHARES), {}, {}
+    def _begin(self, k: int, windows: tuple[Window, ...], found: MeasuredGrid) -> None:
+        """Measure a feather without one answer from the levels found so far on, by both parts."""
+        self._windows[k], self._wanted[k] = windows, tuple(_SHARES)
+        self._levels[k], self._seen[k], self._raised[k] = (found.space, found.time), {}, {}
+        self.found[k] = found._replace(error=math.inf, is_unique=False)
 
     def _take_means(self, k: int) -> bool:
         """Go on with means, over the next of _MEAN_TIMES; whether there are any."""
-        number, shot = self._means[k], self._shot
+        number, shot, poses = self._means[k], self._shot, self.found[k]
         stands = self._standing.setdefault(self._kind(k), k) if self._restless[k] else -1
+        if number == 0 and self._restless[k] and self._calm[k]:
+            self._of_poses[k] = poses
         if stands != k or number == len(_MEAN_TIMES):
             return False
         first, last = self._restless[k][-1][0], shot.last_frame - shot.first_frame
         frames = round(_MEAN_TIMES[number] * shot.frames_per_second)
-        self._windows[k] = ((first, first + min(frames, _MAX_SHOTS * max(last, 1))),)
-        if number == 0 and math.isfinite(error := self.found[k].error):
-            self._pose_errors[k] = error
-        self._begin(k)
-        self.found[k] = self.found[k]._replace(error=math.inf)
+        window = first, first + min(frames, _MAX_SHOTS * max(last, 1))
+        self._begin(k, (window,), self._first if number == 0 else self.found[k])
         self._means[k] += 1
         return True
 
@@ -383,13 +391,10 @@ class _Search:
         going, self._levels[k] = (space, time) != self._levels[k], (space, time)
         return going
 
-    def _error(self, k: int, windows: Sequence[Window]) -> float:
-        """Return the error of a feather in some windows, over its length, at its levels."""
-        return max(self._part(k, name, windows) for name in self._wanted[k])
-
-    def _part(self, k: int, name: str, windows: Sequence[Window]) -> float:
+    def _part(self, k: int, name: str, window: Window) -> float:
+        """Return a part of the error of a feather in a window, over its length, at its levels."""
         ratio = 1.0 if self._means[k] else REST_RATIOS[name]
-        return ratio * self._distance(k, (*self._levels[k], name), windows)
+        return ratio * self._distance(k, (*self._levels[k], name), [window])
 
     def _distance(self, k: int, level: Level, windows: Sequence[Window] = ()) -> float:
         """Distance of a feather at its levels from a finer run of it, over its length."""
