@@ -170,6 +170,26 @@ def test_trunks_steeper_than_an_angle_are_levelled_about_their_shoulders(tmp_pat
     np.testing.assert_allclose(np.degrees(np.arctan2(up, ahead)), before - pitch, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("ahead", "up", "turned"), [(0.1, 0.1, 25.0), (0.1, 0.02, 0.0), (0.01, 0.01, 6.0)]
+)
+def test_necks_are_stretched_in_flight_short_ones_less(tmp_path, ahead, up, turned):
+    """The head keeps its direction. A trunk of 0.139 m lets a neck of 0.014 turn by 0.102 rad."""
+    neck = '[[joint]]\nname = "neck"\nposition = [0.05, 0, 0.04]\n'
+    head = (
+        f'[[joint]]\nname = "head"\nparent = "neck"\nposition = [{0.05 + ahead}, 0, {0.04 + up}]\n'
+    )
+    (tmp_path / "groom.toml").write_text(BIRD + neck + head)
+    (tmp_path / "shot.toml").write_text(f'{SHOT}kind = "level"\ntrunk_angle = 90\nneck_angle = 20')
+    shot = read_shot(tmp_path / "shot.toml")
+    skeleton = skeleton_of(shot.groom)
+    found = skeleton.carriers(joint_poses(shot.motion, shot, skeleton)(0.0))[0]
+    neck_turn, head_turn = (found[skeleton.names.index(name)] for name in ("neck", "head"))
+    down = np.degrees(np.arctan2(-neck_turn[2, 0], neck_turn[0, 0]))
+    assert down == pytest.approx(turned, abs=0.2)
+    np.testing.assert_allclose(head_turn, np.eye(3), atol=1e-12)
+
+
 def test_a_groom_without_a_tail_has_no_trunk_to_level(tmp_path):
     (tmp_path / "groom.toml").write_text(BIRD[: BIRD.index("[[tail]]")])
     (tmp_path / "shot.toml").write_text(f'{SHOT}kind = "level"\ntrunk_angle = 30')

@@ -437,6 +437,12 @@ MOTION_KEYS: dict[str, dict[str, Key]] = {
             "shoulders: the groom pitches down to it, about that middle. `right_tarsus` and "
             "`left_tarsus` keep their direction.",
         ),
+        "neck_angle": Key(
+            Number(-90, 180, "deg"),
+            "Most that a long neck rises then, from its root to the head, which keeps its "
+            "direction. Short ones bend less.",
+            180.0,
+        ),
     },
     "act": {
         "motions": Key(

@@ -12,7 +12,7 @@ from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.algebra.types import Array
 from featherfx.errors import Problem
 from featherfx.groom.types import Groom
-from featherfx.shot.motion.body_joints import TARSI
+from featherfx.shot.motion.body_joints import HEAD, NECK, TARSI
 from featherfx.shot.motion.joints import (
     JointPoses,
     MissingJointError,
@@ -68,7 +68,8 @@ def swung(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
 
 def levelled(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
     """Poses of a groom whose trunk rises no steeper than by an angle, from the root of its tail to
-    the middle between its shoulders; tarsi keep their direction.
+    the middle between its shoulders, and its neck no steeper than by another; tarsi and the head
+    keep their direction.
 
     Raises MissingJointError where it has no tail or no shoulders.
     """
@@ -77,13 +78,26 @@ def levelled(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
         told = f"levels a trunk, and the groom lacks shoulders or the joint '{TAIL}'"
         raise MissingJointError(Problem(str(shot.source), "motion.kind", told))
     middle, rise = trunk
-    rise -= math.radians(motion.values["trunk_angle"])
+    down = max(rise - math.radians(motion.values["trunk_angle"]), 0.0)
     found = still_poses(len(skeleton.names))
-    found.rotations[0] = from_rotation_vector(np.array((0.0, max(rise, 0.0), 0.0)))
+    found.rotations[0] = _nose_down(down)
     tarsi = [k for k, name in enumerate(skeleton.names) if name in TARSI]
     found.rotations[tarsi] = found.rotations[0].T
     found.displacements[0] = (middle - found.rotations[0] @ middle) / motion.clock.size
+    if HEAD in skeleton.names and NECK in skeleton.names:
+        neck, head = skeleton.names.index(NECK), skeleton.names.index(HEAD)
+        way, tail = skeleton.pivots[head] - skeleton.pivots[neck], skeleton.names.index(TAIL)
+        steeper = math.atan2(way[2], way[0]) - down - math.radians(motion.values["neck_angle"])
+        # short necks bend no tighter than round the length of the trunk
+        most = np.linalg.norm(way) / np.linalg.norm(middle - skeleton.pivots[tail])
+        bent = min(max(steeper, 0.0), float(most))
+        found.rotations[neck], found.rotations[head] = _nose_down(bent), _nose_down(-bent)
     return lambda _: found
+
+
+def _nose_down(angle: float) -> Array:
+    """(3, 3) turn by an angle (rad) about the axis to the left."""
+    return from_rotation_vector(np.array((0.0, angle, 0.0)))
 
 
 def trunk_of(groom: Groom) -> tuple[Array, float] | None:
