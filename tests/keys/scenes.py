@@ -575,9 +575,17 @@ SCENES = {
         (".base", ".kind", ".size", ".fit", ".amount", *SOURCES),
     ),
     "level": Scene(
-        {"name": "groom", "wing": [WING | {"shoulder": [0.05, -0.02, 0.05]}], "tail": [TAIL]},
-        shot(motion={"kind": "level", "trunk_angle": 10}, **RIGID),
-        ("shot.motion.trunk_angle",),
+        groom(
+            wing=[WING | {"shoulder": [0.05, -0.02, 0.05]}],
+            tail=[TAIL],
+            joint=[
+                {"name": "neck", "position": [0.05, 0, 0.05]},
+                {"name": "head", "position": [0.09, 0, 0.1], "parent": "neck"},
+            ],
+            feather=[FEATHER | {"joint": "neck"}],
+        ),
+        shot(motion={"kind": "level", "trunk_angle": 10, "neck_angle": 20}, **RIGID),
+        ("shot.motion.trunk_angle", "shot.motion.neck_angle"),
     ),
     "act": Scene(
         groom(),
