@@ -135,12 +135,28 @@ def test_feathers_fit_the_room(tmp_path):
     room = (RADIUS + 0.01) / cosine[near] - RADIUS  # as above, its middle half way between
     assert near.sum() > 10
     # the mesh's points stand for the skin, and are 15 mm apart
-    assert lengths[near] == pytest.approx(np.clip(1.5 * room, 0.0125, 0.05), rel=0.15)
+    assert lengths[near] == pytest.approx(np.clip(1.5 * room, 0.02, 0.05), rel=0.15)
     assert lengths.max() == pytest.approx(0.05)
     shorter = grown(
         tmp_path, region(keys="count = 50\nlength = 0.05\nmax_length_per_free_radius = 0.01")
     )
-    assert min(f.kind.length for f in shorter.feathers) == pytest.approx(0.0125)
+    assert min(f.kind.length for f in shorter.feathers) == pytest.approx(0.02)
+
+
+def test_feathers_are_as_much_denser_as_they_are_shorter(tmp_path):
+    write_skin(tmp_path, facing_spheres(0.02))
+    keys = "density = 9000\nlength = 0.05\nmax_length_per_free_radius = {}"
+    counts = []
+    for fit in (100, 1.5):
+        places = roots(grown(tmp_path, region(keys=keys.format(fit))))
+        own = places[np.linalg.norm(places, axis=1) < 1.01 * RADIUS] / RADIUS
+        counts.append([(own[:, 0] > 0.92).sum(), (own[:, 0] < 0.0).sum()])
+    (near, far), (more, as_many) = counts
+    # of equal areas between cosines
+    cosine = np.linspace(0.92, 1.0, 100)
+    room = (RADIUS + 0.01) / cosine - RADIUS
+    assert more / near == pytest.approx(np.mean(0.05 / np.clip(1.5 * room, 0.02, 0.05)), rel=0.1)
+    assert as_many / far == pytest.approx(1.0, abs=0.03)
 
 
 def test_roots_inside_a_body_that_crosses_itself_are_left_out(tmp_path):

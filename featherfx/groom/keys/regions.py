@@ -166,7 +166,8 @@ REGION_KEYS = {
     "max_length_per_free_radius": Key(
         Number(0.01, 100),
         "Feathers are no longer than this many times the radius of the largest ball that touches "
-        "the skin there from outside, though no shorter than a quarter of their length.",
+        "the skin there from outside, though no shorter than 0.4 of their length. Of a density "
+        "there are as many more as they are shorter.",
         None,
     ),
     "width": Key(Number(0.01, 100), "Factor of the vanes' widths.", 1.0),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import accumulate
 from pathlib import Path
@@ -54,7 +54,7 @@ from featherfx.phases import phase
 
 _PLACES = "triangle", "barycentric", "position", "normal"
 _STEPS = 2  # between one region's colour and another's
-_MIN_FIT = 0.25  # of a feather's length, left where there is no room
+_MIN_FIT = 0.4  # of a feather's length, left where there is no room; by coverage of creases
 
 
 @dataclass(frozen=True)
@@ -77,10 +77,47 @@ class _Region:
             return self.kinds.weights(points) @ self.kinds.lengths
         return np.full(len(points), float(given))
 
+    def fit(self, points: SurfacePoints) -> Array:
+        """(N,) share of their length that feathers have room for."""
+        most = self.entry["max_length_per_free_radius"]
+        if most is None:
+            return np.ones(len(points))
+        room = points.interpolated(self.surface.room)
+        return np.asarray(np.clip(most * room / self.length(points), _MIN_FIT, 1.0))
+
+    @property
+    def _densest(self) -> float:
+        """How many times its density a region reaches where feathers are shortest."""
+        keys = "density", "length", "max_length_per_free_radius"
+        return 1.0 if any(self.entry[key] is None for key in keys) else 1.0 / _MIN_FIT
+
+    @property
+    def most(self) -> float:
+        """Feathers per m^2 where their spread is 1; of a region with a density."""
+        return float(self._densest * self.entry["density"])
+
     def density(self, points: SurfacePoints) -> Array:
-        """(N,) feathers per m^2, 1 where the region is whole if it has a count instead."""
-        density = self.entry["density"]
-        return self.presence(points) * (1.0 if density is None else density)
+        """(N,) feathers per m^2; of a region with a density."""
+        return self.most * self.spread(points)
+
+    @cached_property
+    def spread(self) -> Presence:
+        """Presence of feathers, against where they are shortest: rows are as near as feathers are
+        short."""
+        if self._densest == 1.0:
+            return self.presence
+
+        def closeness(points: SurfacePoints) -> Array:
+            return _MIN_FIT / self.fit(points)
+
+        def bound(surface: SkinSurface, triangles: Indices) -> Array:
+            places = (np.tile(corner, (len(triangles), 1)) for corner in np.eye(3))
+            return np.max([closeness(surface.at(triangles, each)) for each in places], axis=0)
+
+        own, keys = self.presence, ("max_length_per_free_radius", "length")
+        rules, bounds = (*own.rules, closeness), (*own.bounds, bound)
+        inputs = *own.inputs, _MIN_FIT, *(self.entry[key] for key in keys)
+        return replace(own, rules=rules, bounds=bounds, inputs=inputs)
 
 
 @dataclass(frozen=True)
@@ -267,7 +304,7 @@ def _count(region: _Region) -> int:
     entry, source = region.entry, region.surface.source
     if entry["count"] is not None:
         return int(entry["count"])
-    inputs = [source.points, source.triangles, region.presence.inputs, entry["density"]]
+    inputs = [source.points, source.triangles, region.spread.inputs, entry["density"]]
 
     def compute() -> dict[str, Any]:
         return {"count": round(expected_count(region.surface, region.density))}
@@ -326,7 +363,7 @@ def _grown(
     own = region.kinds.drawn(points, entry["seed"], found.number)
     blend = _blended(region, [r for r in regions if r.surface is region.surface], points, own)
     mixtures = blend.pop("mixtures")
-    blend["length"] = _fitted(blend["length"], points, entry["max_length_per_free_radius"])
+    blend["length"] *= region.fit(points)
     draws = {name: normal_draws(entry, name, found.number) for name in RANDOM_STREAMS}
     direction = _directions(region, blend["flow"], points, draws["turn"])
     cambers = region.kinds.cambers[own], region.kinds.barb_cambers[own]
@@ -380,13 +417,13 @@ def _scattered(region: _Region, count: int) -> Scattered:
     seed = entry["seed"] ^ crc32(entry["id"].encode())
     wanted = count if density is None else float(density)
     inputs: list[Any] = [source.points, source.triangles, source.own_matrix, source.stage_matrix]
-    inputs += [region.presence.inputs, wanted, seed]
+    inputs += [region.spread.inputs, wanted, seed]
 
     def compute() -> dict[str, Any]:
         if density is None:
-            found = scatter(region.presence, count, seed)
+            found = scatter(region.spread, count, seed)
         else:
-            found = scatter_by_density(region.presence, density, seed)
+            found = scatter_by_density(region.spread, region.most, seed)
         places = {name: getattr(found.points, name) for name in _PLACES}
         return {"number": found.number, **places}
 
@@ -464,14 +501,6 @@ def _reach(region: _Region) -> str:
     corners = region.space.local(region.surface.corners.reshape(-1, 3))
     ends = zip("xyz", corners.min(axis=0), corners.max(axis=0), strict=True)
     return ", ".join(f"{axis} {low:.3g} to {high:.3g}" for axis, low, high in ends)
-
-
-def _fitted(length: Array, points: SurfacePoints, fit: float | None) -> Array:
-    """Lengths (N,) m that the room above the skin allows."""
-    if fit is None:
-        return length
-    room = points.interpolated(points.surface.room)
-    return np.asarray(np.clip(fit * room, _MIN_FIT * length, length))
 
 
 def _directions(region: _Region, wanted: Array, points: SurfacePoints, turn: Array) -> Array:

@@ -18,7 +18,7 @@ import numpy as np
 
 from featherfx.algebra.interpolation import faded
 from featherfx.algebra.surface_elements import factorise, make_elements, make_stiffness, weld
-from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import unit
 from featherfx.errors import all_of, warn_input
 from featherfx.files.disk_cache import kept
@@ -128,7 +128,7 @@ class Presence:
     inputs: tuple[Any, ...] = ()
 
     def __call__(self, points: SurfacePoints) -> Array:
-        result, left = np.zeros(len(points)), np.flatnonzero(self._reached[points.triangle])
+        result, left = np.zeros(len(points)), np.flatnonzero(self._most[points.triangle] > 0.0)
         result[left] = 1.0
         for rule in self.rules:
             result[left] *= rule(points if len(left) == len(points) else points.some(left))
@@ -137,19 +137,18 @@ class Presence:
         return result
 
     @cached_property
-    def _reached(self) -> Flags:
-        """(T,) triangles on which it may be above 0."""
-        left = np.arange(len(self.surface.areas))
+    def _most(self) -> Array:
+        """(T,) upper bounds on triangles."""
+        found = np.ones(len(self.surface.areas))
         for bound in self.bounds:
-            left = left[bound(self.surface, left) > 0.0]
-        found: Flags = np.zeros(len(self.surface.areas), dtype=np.bool_)
-        found[left] = True
+            left = np.flatnonzero(found > 0.0)
+            found[left] *= bound(self.surface, left)
         return found
 
-    @cached_property
-    def distances(self) -> Array:
-        """(T,) m, from triangles to where it may be above 0, at least; 0 there, inf without."""
-        (middles, radii), own = self.surface.spheres, self._reached
+    def distances(self, share: float = 0.0) -> Array:
+        """(T,) m, from triangles to where it may be above a share, at least; 0 there, inf
+        without."""
+        (middles, radii), own = self.surface.spheres, self._most > share
         if own.all() or not own.any():
             return np.where(own, 0.0, np.inf)
         found, _ = search_tree(middles[own]).query(middles)

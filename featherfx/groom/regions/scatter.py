@@ -105,31 +105,31 @@ def scatter_by_density(presence: Presence, density: float, seed: int) -> Scatter
 
     Each appears by what is near it alone, so that an edit of the skin changes none elsewhere.
     """
-    pool, surface = _Pool(presence, seed), presence.surface
-    area = expected_count(surface, presence)
+    surface, area = presence.surface, expected_count(presence.surface, presence)
     if area == 0.0:
-        return pool.pick()
+        return _Pool(presence, seed).pick()
     # d (area + width of the strip x its length) points, the width falling with the root of d
     middles, lengths = surface.borders
     strip = 0.5 * _BORDER_WIDTH * np.sqrt(_SATURATED) * float(lengths @ presence(middles)) / area
     density = (np.sqrt(strip**2 + density) - strip) ** 2
+    pool = _Pool(presence, seed, density)
     while pool.density < density:
         pool.fill()
     return pool.pick(density=density)
 
 
 def _candidates(
-    presence: Presence, octave: int, many: float, seed: int
+    presence: Presence, octave: int, many: float, seed: int, share: float
 ) -> tuple[SurfacePoints, Indices]:
     """Return candidates of an octave of density that may matter, in their order, and their numbers.
 
-    many: per m^2.
+    many: per m^2. share: of the presence, up to which no more points appear.
     """
     from featherfx.groom.regions.scatter_kernels import cross_lines
 
     surface, domain = presence.surface, presence.surface.domain
     # what is farther from the region crowds none within it
-    wanted = presence.distances <= np.sqrt(_SATURATED * _CANDIDATES_PER_POINT / many)
+    wanted = presence.distances(share) <= np.sqrt(_SATURATED * _CANDIDATES_PER_POINT / many)
     word = int(hashed(seed, 0, np.array([octave - _FIRST_OCTAVE])).astype(np.int64)[0])
     room, found = 64 + int(4.0 * domain.area * many), -1
     while found < 0 or found > room:
@@ -165,8 +165,9 @@ def _candidates(
 class _Pool:
     """Candidates read so far that matter, with the density at which they appear."""
 
-    def __init__(self, presence: Presence, seed: int) -> None:
-        self._presence, self._seed = presence, seed
+    def __init__(self, presence: Presence, seed: int, most: float = np.inf) -> None:
+        """Prepare a pool. most: points per m^2, where the presence is 1."""
+        self._presence, self._seed, self._most = presence, seed, most
         self._surface = surface = presence.surface
         self._points = surface.at(np.zeros(0, np.int64), np.zeros((0, 3)))
         self._number, self._places = np.zeros(0, np.int64), np.zeros((0, 3), np.int64)
@@ -176,8 +177,7 @@ class _Pool:
         self._unit = 2.0 ** np.floor(0.5 * np.log2(area)) / _LATTICE
         octave = int(np.log2(_FIRST_COUNT / area))
         self._level = _LEVELS_PER_DOUBLING * octave
-        many = _CANDIDATES_PER_POINT * self.density
-        self._octave = _candidates(presence, octave, many, seed)
+        self._octave = self._read(octave, 0.0)
         self._accept(*self._octave, 0.0)
 
     @property
@@ -185,12 +185,16 @@ class _Pool:
         """Points per m^2 of the last level."""
         return float(2.0 ** (self._level / _LEVELS_PER_DOUBLING))
 
+    def _read(self, octave: int, before: float) -> tuple[SurfacePoints, Indices]:
+        """Return candidates of an octave that appear from a density before on."""
+        many, share = _CANDIDATES_PER_POINT * self.density, before / self._most
+        return _candidates(self._presence, octave, many, self._seed, share)
+
     def fill(self) -> None:
         """Read the candidates of the next level, and accept all that have room."""
         before, octave = self.density, self._level // _LEVELS_PER_DOUBLING
         if self._level % _LEVELS_PER_DOUBLING == 0:
-            many = _CANDIDATES_PER_POINT * before
-            self._octave = _candidates(self._presence, octave + 1, many, self._seed)
+            self._octave = self._read(octave + 1, before)
         self._level += 1
         start, end = (density / 2.0**octave - 1.0 for density in (before, self.density))
         points, number = self._octave
