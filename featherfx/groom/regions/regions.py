@@ -87,7 +87,7 @@ class _Region:
 
     @property
     def _densest(self) -> float:
-        """How many times its density a region reaches where feathers are shortest."""
+        """Density where feathers are shortest, over that of the region."""
         keys = "density", "length", "max_length_per_free_radius"
         return 1.0 if any(self.entry[key] is None for key in keys) else 1.0 / _MIN_FIT
 
