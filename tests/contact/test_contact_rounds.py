@@ -9,16 +9,24 @@ import pytest
 from contact_cases import THICKNESS, free_feathers, solver_of
 
 from featherfx.mechanics.model import no_loads
+from featherfx.solver.contact import list_kernels
 from featherfx.solver.contact import run as run_module
 from featherfx.solver.contact.interval import ContactSolver
 from featherfx.solver.contact.interval_options import ContactSettings
-from featherfx.solver.contact.list_kernels import _stiffen, residual
+from featherfx.solver.contact.list_kernels import _gone, _note_clear, _stiffen, is_clear, residual
 from featherfx.solver.contact.search import new_touch
 from featherfx.solver.contact.types import ByBody
 from featherfx.solver.state import hold_roots
 
 MASS, STIFFNESS, FRAME, TOLERANCE = 2e-6, 0.3, 1.0 / 24.0, 1e-5
 stiffen, misfit = _stiffen.py_func, residual.py_func
+
+
+@pytest.fixture
+def plain(monkeypatch):
+    """Kernels that call each other as Python."""
+    for each in (is_clear, _gone):
+        monkeypatch.setattr(list_kernels, each.name.rpartition(".")[2], each.py_func)
 
 
 def contact_of(**values):
@@ -39,17 +47,28 @@ def test_what_rounds_leave_moves_a_mass_on_a_spring_as_far_whatever_the_step(dur
     assert moved == pytest.approx(0.4 * TOLERANCE, rel=1e-12)
 
 
-def test_a_body_is_as_far_open_as_its_worst_contact_over_what_rounds_may_leave():
+def test_a_body_is_as_far_open_as_its_worst_contact_over_what_rounds_may_leave(plain):
     touch = new_touch(4).view(np.recarray)
     touch.guest, touch.host, touch.stiffness = 0, [1, 1, 2, 1], 2.0
     # balanced, a misfit of 1 m, a gap of -3 m, and one held shut by force
     touch.guest_force, touch.host_force = [5.0, 4.0, 0.0, 8.0], [5.0, 6.0, 0.0, 8.0]
     touch.gap, touch.spared = [0.0, 0.0, -3.0, 0.5], [0.0, 0.0, 0.0, 0.25]
     touch.leeway = [0.1, 4.0, 6.0, 0.25]
+    way = np.zeros(3)
     listed = ByBody(np.array([0, 4]), np.arange(4))
-    assert misfit(0, touch, listed) == (3.0, 2.0, 3.0)
+    assert misfit(0, touch, listed, way) == (3.0, 2.0, 3.0)
     touch.leeway[1] = 0.125
-    assert misfit(0, touch, listed) == (3.0, 8.0, 3.0)
+    assert misfit(0, touch, listed, way) == (3.0, 8.0, 3.0)
+
+
+@pytest.mark.parametrize("force", [0.0, 1.0])
+def test_a_contact_is_not_looked_at_until_bodies_may_have_closed_it(plain, force):
+    """A gap of 3 m, of which rounds may leave 1 m, between bodies that went 5 m and 7 m before."""
+    contact, way = contact_of(guest=0, host=1, gap=3.0, leeway=1.0, host_force=force), [5.0, 7.0]
+    _note_clear.py_func(contact, way)
+    assert is_clear.py_func(contact, way) == (force == 0.0)
+    assert is_clear.py_func(contact, [5.9, 8.0]) == (force == 0.0)
+    assert not is_clear.py_func(contact, [6.0, 8.1])
 
 
 @pytest.mark.parametrize(
@@ -108,7 +127,7 @@ def test_pairs_that_rest_in_each_other_take_as_many_rounds_as_others():
         force = np.zeros((2, *model.mass.shape[1:], 3))
         force[1, ..., 2] = -50.0 * model.mass[1]
         loads, taken = no_loads(2)._replace(force=force), 0
-        for _ in range(3):
+        for _ in range(2):
             (state,), _, report = contact.interval([state], [loads], [hold_roots(state)], 0.02)
             contact.accept()
             assert report.contacts > 5

@@ -286,6 +286,8 @@ def in_one_island(active):
         island=np.zeros(bodies, dtype=np.int64),
         fresh=np.zeros(bodies, dtype=np.int8),
         active=active.astype(np.int8),
+        moves=np.zeros(bodies),
+        way=np.zeros(bodies),
         moved=np.ones(bodies, dtype=np.int8),
         worst=np.zeros(bodies),
         open_by=np.zeros(bodies),

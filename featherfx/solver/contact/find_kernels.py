@@ -273,16 +273,18 @@ def _meets(contact, along, node, search):
     """Return whether a point over its host is near it or on its way there, or on the side where no
     order has it, which has to be remembered; sets its gap at the start. along: m, over the host."""
     bodies, guest, host = search.bodies, contact.guest, contact.host
-    # bodies that collide do not go where they are headed, so their way counts as well
     begin = guest_place(bodies.start[guest], contact.row, contact.point, contact.fraction)
-    ahead = guest_place(bodies.ahead[guest], contact.row, contact.point, contact.fraction)
     gap = contact.side * along - contact.thickness
     kept = node.side != 0 and contact.side != node.side
     if node.known >= 0 and search.again:
         # where it pressed in another search of the interval it goes on, or poses would alternate
         kept = kept or search.memory.force[node.known, 0] > 0.0
     margin = margin_of(search, guest, host)
-    if not kept and gap > margin + _closing(bodies, begin, ahead, contact):
+    if node.side == 0 and node.known < 0:
+        # its gap is that at the start
+        ahead = guest_place(bodies.ahead[guest], contact.row, contact.point, contact.fraction)
+        margin += _closing(bodies, begin, ahead, contact)
+    if not kept and gap > margin:
         return False
     start, _ = _along(bodies.start[host], begin, contact)
     set_gaps(contact, contact.thickness, contact.side * start, search.recovery)
@@ -386,10 +388,8 @@ def _find_pair(pair, candidates, room, search, touch, state):
             near, closest = found, closest_point(x, host_now, exists, found)
             if closest[0][0] < 0:
                 continue
-            if not is_known:
-                y = guest_place(begin, i, p, fraction)
-                if is_off(x, y, closest, (host_begin, host_now), columns, side, room):
-                    continue
+            if not is_known and is_off(x, closest, host_now, columns, side, room):
+                continue
             node = Node(pair, guest, host, i, c, side, at if is_known else -1, depth)
             count = _find_node(x, node, near, closest, search, touch, count)
     if search.turns:

@@ -81,8 +81,6 @@ _FRAMES, _LEFT = 2.0, 0.4
 _BLOW = 2.0
 # depth that jams a feather, over that beyond which two are no longer kept apart
 _JAMMED_RATIO = 0.2
-# gap, over the margin, beyond which a contact without a force is not handed to a feather
-_FAR = 0.5
 # N/m, of what is led and gives way to nothing; weights of corners, and sums, have to stay finite
 _RIGID = 1e150
 # searches for contacts in one interval: the poses at its end are not known before; margin of the
@@ -190,6 +188,7 @@ class ContactSolver:
         before, forces = ContactSearch(new_touch(1), 0), np.zeros(self.grids.bodies)
         # what settles is stopped after each step, and headed nowhere
         surprise = np.full_like(self._margin, np.inf) if settling else memory.surprise
+        run.moves[free] = np.minimum(surprise * duration**2, self.settings.margin)[free]
         expected = _WIDER * _CLOSING_RATIO * surprise * duration**2
         margin = np.clip(expected, _MIN_MARGIN_RATIO * self._margin, self._margin)
         off, trusted = np.zeros(self.grids.bodies), margin / _CLOSING_RATIO
@@ -199,6 +198,8 @@ class ContactSolver:
             looked = stale if number else free
             self._find(run, walls, (memory, before), looked, margin, (turns, number > 0), left_out)
             if number:
+                # forces that are new may move them far
+                run.moves[free] = self.settings.margin
                 stale = self._changed(stale, forces) & free
             solved = self._solve(run, stale & (off == 0.0), off > 0.0)
             rounds += int(solved.islands.rounds.max(initial=0))
@@ -442,7 +443,6 @@ class ContactSolver:
             handing=self._handing(run),
             rules=RoundRules(
                 rounds=settings.rounds,
-                reach=_FAR * settings.margin,
                 thickness=2.0 * self._thinnest,
                 friction=settings.friction > 0.0,
             ),
@@ -474,7 +474,8 @@ class ContactSolver:
     def _handing(self, run: BatchRun) -> HandoverRules:
         slip = self.settings.smoothing * run.duration
         widest, columns = self.grids.most_columns, self.surfaces.columns
-        return HandoverRules(self.settings.friction, slip, np.inf, widest, columns)
+        reach = np.zeros(len(columns))
+        return HandoverRules(self.settings.friction, slip, reach, widest, columns)
 
     def _neighbours(self) -> ByBody:
         """List which bodies each has contacts with."""

@@ -69,13 +69,35 @@ def _measure(contact, now):
 
 
 @kernel
-def measure(touch, low, high, now):
+def _gone(contact, way):
+    """m, how far both bodies of a contact went, of ways (B,)."""
+    return way[contact.guest] + (way[contact.host] if contact.host >= 0 else 0.0)
+
+
+@kernel
+def is_clear(contact, way):
+    """Return whether a contact presses nothing, nor can it close until bodies go farther than their
+    ways (B,) so far, m."""
+    return contact.clear > _gone(contact, way)
+
+
+@kernel
+def _note_clear(contact, way):
+    """Note for how long a contact that was just measured is clear (is_clear)."""
+    pressed = contact.guest_force > 0.0 or contact.host_force > 0.0 or contact.spared > 0.0
+    contact.clear = -1e300 if pressed else contact.gap - contact.leeway + _gone(contact, way)
+
+
+@kernel
+def measure(touch, low, high, now, way):
     """Gaps, normals and places of the contacts from low to high - 1 in a pose now.
 
-    now: (B, n, 1 + 2 m, 3). Those of a wall have been there since they were found.
+    now: (B, n, 1 + 2 m, 3). way: (B,) m, of bodies so far. Those of a wall have been there since
+    they were found.
     """
     for k in range(low, high):
         _measure(touch[k], now)
+        _note_clear(touch[k], way)
 
 
 @kernel
@@ -108,10 +130,12 @@ def is_led(contact, body, mine):
 
 
 @kernel
-def update(body, touch, listed, now):
+def update(body, touch, listed, now, way):
     """Measure the contacts of a body that was just solved, and set the forces that it felt."""
     for at in range(listed.first[body], listed.first[body + 1]):
         contact = touch[listed.items[at]]
+        if is_clear(contact, way):
+            continue
         _measure(contact, now)
         if contact.guest == body:
             push = contact.host_force - contact.stiffness * contact.gap
@@ -120,6 +144,7 @@ def update(body, touch, listed, now):
             push = contact.guest_force - contact.stiffness * contact.gap
             contact.host_force = max(0.0, push)
         _stiffen(contact)
+        _note_clear(contact, way)
 
 
 @kernel
@@ -132,7 +157,7 @@ def _stiffen(contact):
 
 
 @kernel
-def residual(body, touch, listed):
+def residual(body, touch, listed, way):
     """Largest distance of a body's contacts from complementarity, m, the same over what rounds may
     leave, and deepest penetration, m.
 
@@ -143,6 +168,8 @@ def residual(body, touch, listed):
     worst, open_by, depth = 0.0, 0.0, 0.0
     for at in range(listed.first[body], listed.first[body + 1]):
         contact = touch[listed.items[at]]
+        if is_clear(contact, way):
+            continue
         depth = max(depth, contact.spared - contact.gap)
         force = min(contact.guest_force, contact.host_force)
         wrong = abs(min(contact.gap, force / contact.stiffness))
@@ -196,21 +223,23 @@ def share_pinch(body, touch, listed, fixed):
 
 
 @kernel
-def is_pressed(body, touch, listed):
+def is_pressed(body, touch, listed, way):
     """Return whether anything presses a body, or is in it."""
     for at in range(listed.first[body], listed.first[body + 1]):
         contact = touch[listed.items[at]]
+        if is_clear(contact, way):
+            continue
         if contact.guest_force > 0.0 or contact.host_force > 0.0 or contact.gap < 0.0:
             return True
     return False
 
 
 @kernel
-def is_shared(body, touch, listed, mine):
-    """Return whether a body that is solved as well (mine) presses a body, or is in it."""
+def is_shared(body, touch, listed, marks):
+    """Return whether a body that is solved as well (Marks.mine) presses a body, or is in it."""
     for at in range(listed.first[body], listed.first[body + 1]):
         contact = touch[listed.items[at]]
-        if is_led(contact, body, mine):
+        if is_clear(contact, marks.way) or is_led(contact, body, marks.mine):
             continue
         if contact.guest_force > 0.0 or contact.host_force > 0.0 or contact.gap < 0.0:
             return True
@@ -233,6 +262,13 @@ def closed_on_led(body, touch, listed, mine):
 
 
 @kernel
+def _is_out_of_reach(contact, force, gap, reach):
+    """Return whether a contact with a force (N) and a gap (m) is not handed to a body. reach: of
+    HandoverRules."""
+    return force == 0.0 and gap > _gone(contact, reach) + contact.leeway
+
+
+@kernel
 def add_forces(touch, count, total):
     """Sums of the forces (N) that each body feels, to total (B,)."""
     total[:] = 0.0
@@ -244,15 +280,17 @@ def add_forces(touch, count, total):
 
 
 @kernel
-def hand_out(body, touch, listed, mine, start, now, rules, planes):
+def hand_out(body, touch, listed, marks, start, now, rules, planes):
     """Write the plane contacts of a body to planes; returns how many there are.
 
-    mine: (B,) bodies that are solved for. start, now: (B, n, 1 + 2 m, 3) poses at the interval's
+    marks: of the sweep. start, now: (B, n, 1 + 2 m, 3) poses at the interval's
     start and at the last iterate. rules: HandoverRules.
     """
     to = 0
     for at in range(listed.first[body], listed.first[body + 1]):
         contact = touch[listed.items[at]]
+        if _gone(contact, marks.way) + _gone(contact, rules.reach) < contact.clear:
+            continue
         is_guest = contact.guest == body
         if rules.beginning:
             # gaps press each of a pair by itself, so that first accelerations would not belong
@@ -261,14 +299,14 @@ def hand_out(body, touch, listed, mine, start, now, rules, planes):
             if own > 0.0:
                 to = _hand_to(contact, body, (own, 0.0), start, now, rules, planes, to)
             continue
-        if is_led(contact, body, mine):
+        if is_led(contact, body, marks.mine):
             # the force of what is led is what the feather felt last
             if is_guest:
                 contact.host_force = contact.guest_force
             else:
                 contact.guest_force = contact.host_force
         force = contact.host_force if is_guest else contact.guest_force
-        if force == 0.0 and contact.gap > rules.reach:
+        if _is_out_of_reach(contact, force, contact.gap, rules.reach):
             continue
         to = _hand_to(contact, body, (force, 0.0), start, now, rules, planes, to)
     return to
@@ -281,7 +319,7 @@ def hand_out_together(body, touch, listed, joint, start, now, rules, planes):
     for at in range(listed.first[body], listed.first[body + 1]):
         contact = touch[listed.items[at]]
         given = given_force(contact, contact.guest == body, joint)
-        if given[0] > 0.0 or contact.gap + given[1] <= rules.reach:
+        if not _is_out_of_reach(contact, given[0], contact.gap + given[1], rules.reach):
             to = _hand_to(contact, body, given, start, now, rules, planes, to)
     return to
 
@@ -295,7 +333,7 @@ def take_felt(body, touch, listed, island, joint, now, rules, planes):
         contact, felt = touch[listed.items[at]], 0.0
         is_guest = contact.guest == body
         given = given_force(contact, is_guest, joint)
-        if given[0] > 0.0 or contact.gap + given[1] <= rules.reach:
+        if not _is_out_of_reach(contact, given[0], contact.gap + given[1], rules.reach):
             for _ in range((1 if contact.fraction == 0.0 else 2) if is_guest else 3):
                 strength, p = planes.strength[to], planes.node[to, 1]
                 p += rules.widest - rules.columns[body] if p > rules.columns[body] else 0

@@ -28,13 +28,12 @@ def room_of(guest, host, side, margin, way, search, half):
     """The Room of a pair. half: (B,) m, largest half thickness.
 
     What meets the host (clearance_kernels) is along a normal of it no farther on its own side than
-    margin, thickness and way, and beside that by OVER_RATIO thicknesses: so far above the slab at
-    most.
+    margin and thickness, and beside that by OVER_RATIO thicknesses: so far above the slab at most.
     """
     slab, thickness = search.bodies.slab[host], half[guest] + half[host]
     if side == 0:
         return GuestBounds((0.0, 0.0, 0.0), 1e300, margin, way, thickness)
-    top = (slab[4] if side > 0 else -slab[3]) + margin + way + (1.0 + OVER_RATIO) * thickness
+    top = (slab[4] if side > 0 else -slab[3]) + margin + (1.0 + OVER_RATIO) * thickness
     return GuestBounds(
         (side * slab[0], side * slab[1], side * slab[2]), top, margin, way, thickness
     )
@@ -58,12 +57,11 @@ def _on(points, corners, weight):
 
 
 @kernel
-def is_off(x, begin, closest, host, columns, side, room):
+def is_off(x, closest, now, columns, side, room):
     """Return whether a point at x that nothing is known of is beside its closest place on a host,
-    or so far above it that they do not meet in the interval. begin: where the point is at the
-    start. host: (n, 1 + 2 m, 3) m, nodes at the start, and where x was looked for. side: where the
-    point belongs, or 0."""
-    (start, now), (place, weight) = host, closest
+    or so far above it that they do not meet in the interval. now: (n, 1 + 2 m, 3) m, nodes of the
+    host where x was looked for. side: where the point belongs, or 0."""
+    place, weight = closest
     a, b = corner_place(place, 0, columns), corner_place(place, 1, columns)
     c = corner_place(place, 2, columns)
     normal = side_normal(place[0], now[a[0], a[1]], now[b[0], b[1]], now[c[0], c[1]])
@@ -72,15 +70,7 @@ def is_off(x, begin, closest, host, columns, side, room):
     beside, most = sub(away, scale(along, normal)), OVER_RATIO * room.thickness + ROUNDING_RATIO
     if dot(beside, beside) > most * most:
         return True
-    gap = side * along - room.thickness - room.margin - ROUNDING_RATIO
-    if side == 0 or gap <= 0.0:
-        return False
-    if gap > room.way:
-        return True
-    # as _closing of find_kernels
-    normal = side_normal(place[0], start[a[0], a[1]], start[b[0], b[1]], start[c[0], c[1]])
-    led = sub(_on(now, (a, b, c), weight), _on(start, (a, b, c), weight))
-    return gap > abs(dot(normal, sub(sub(x, begin), led)))
+    return side != 0 and side * along > room.thickness + room.margin + ROUNDING_RATIO
 
 
 @kernel

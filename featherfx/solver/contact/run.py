@@ -74,15 +74,17 @@ class Batches(NamedTuple):
 class Marks(NamedTuple):
     """B bodies of an interval. mine: which are solved, as long as they can be. island: (B,) of
     those, -1 of others. fresh: to be solved in the first round, whatever contacts.
-    active: to be solved in this round. moved: or what they touch, since worst and
-    depth, m, of their contacts were looked at, and open_by, how much farther they are off than
-    rounds may leave. solves: of each. status: of the solves. fixed:
-    led for good (LedMotion)."""
+    active: to be solved in this round. moves: m, how far they are expected to go in a solve; way:
+    m, how far they went in all, and as much for what turned. moved: or what they touch, since worst
+    and depth, m, of their contacts were looked at, and open_by, how much farther they are off than
+    rounds may leave. solves: of each. status: of the solves. fixed: led for good (LedMotion)."""
 
     mine: Bytes
     island: Indices
     fresh: Bytes
     active: Bytes
+    moves: Array
+    way: Array
     moved: Bytes
     worst: Array
     open_by: Array
@@ -119,11 +121,9 @@ class BodyColours(NamedTuple):
 
 
 class RoundRules(NamedTuple):
-    """rounds: most of an island. reach: m, gap beyond which contacts without a force are left out
-    after the first round. thickness: m, of the thinnest. friction: whether there is any."""
+    """rounds: most of an island. thickness: m, of the thinnest. friction: whether there is any."""
 
     rounds: int
-    reach: float
     thickness: float
     friction: bool
 
@@ -232,7 +232,8 @@ class BatchRun:
     zero. old, new: states, the new ones of feathers that are not solved after all from finish on.
     shares: (B, n, 1 + 2 m), part of its root's way that a node goes along by itself. start, now:
     (B, n, 1 + 2 m, 3) m, nodes of all bodies on the widest grid, now at first where they are
-    headed. report: of all solves and bodies. alone: settings of feathers that nothing presses.
+    headed. moves: of Marks. report: of all solves and bodies. alone: settings of feathers
+    that nothing presses.
     """
 
     def __init__(
@@ -276,6 +277,7 @@ class BatchRun:
         self._acting: ViewedTuples | None = None
         self._room = 0
         self.solves = np.zeros(grids.bodies, dtype=np.int64)
+        self.moves = np.zeros(grids.bodies)
         self.report = make_report(grids.bodies)
         self._step = self.alone = self._step_settings(substeps, iterations)
         self._paths, self._reports = views_of(paths), views_of(self.reports())
@@ -315,6 +317,8 @@ class BatchRun:
             island=island,
             fresh=fresh.astype(np.int8),
             active=np.zeros(len(island), dtype=np.int8),
+            moves=self.moves,
+            way=np.zeros(len(island)),
             moved=np.ones(len(island), dtype=np.int8),
             worst=np.zeros(len(island)),
             open_by=np.zeros(len(island)),

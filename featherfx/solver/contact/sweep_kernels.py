@@ -8,6 +8,8 @@ island) has rounds of its own: it is done when all its contacts are solved, or a
 A body that cannot be solved stays where it was last, and the others meet it as they meet a wall.
 """
 
+from math import sqrt
+
 import numpy as np
 
 from featherfx.algebra.thread_team import forget_tickets, meet, say_done, ticket, wait_for
@@ -43,6 +45,9 @@ _CONTACTS, _BODIES = 1024, 64
 _PATIENCE = 4
 # part of what is off that forces solved together may leave, or they are handed on in the next round
 _PROGRESS = 0.9
+# way of what turns, over that of its nodes; how far a body is expected to go, over that one round
+# before, where it was not solved since
+_TURNING, _FADING = 2.0, 0.5
 # what is off after such a round over that before, beyond which none follows
 _WORSE = 4.0
 # bodies of an island whose forces are solved together, at most
@@ -58,29 +63,33 @@ def _take(source, target, f):
 
 @kernel
 def _put(nodes, columns, to):
-    """Write the nodes (n, 1 + 2 m, 3) of a body to its place on the widest grid."""
-    ahead, shift = 1 + columns, (to.shape[1] - nodes.shape[1]) // 2
+    """Write the nodes (n, 1 + 2 m, 3) of a body to its place on the widest grid; returns how far
+    one goes at most, m."""
+    ahead, shift, farthest = 1 + columns, (to.shape[1] - nodes.shape[1]) // 2, 0.0
     for i in range(nodes.shape[0]):
         for p in range(nodes.shape[1]):
-            q = p if p < ahead else p + shift
+            q, square = p if p < ahead else p + shift, 0.0
             for k in range(3):
+                square += (nodes[i, p, k] - to[i, q, k]) ** 2
                 to[i, q, k] = nodes[i, p, k]
+            farthest = max(farthest, square)
+    return sqrt(farthest)
 
 
 @kernel
-def _handing(reach, beginning, sweep):
+def _handing(beginning, sweep):
     given = sweep.handing
     return HandoverRules(
-        given.friction, given.smoothing, reach, given.widest, given.columns, beginning
+        given.friction, given.smoothing, given.reach, given.widest, given.columns, beginning
     )
 
 
 @kernel
-def _hand(body, f, planes, reach, beginning, together, sweep):
+def _hand(body, f, planes, beginning, together, sweep):
     """Write the planes of a body's contacts where feather f of its batch finds them. together:
     whether forces are solved together in this round."""
     touch, listed, start, now = sweep.touch, sweep.listed, sweep.start, sweep.now
-    handing = _handing(reach, beginning, sweep)
+    handing = _handing(beginning, sweep)
     planes.first[f] = 0
     if together and not beginning:
         planes.first[f + 1] = hand_out_together(
@@ -88,7 +97,7 @@ def _hand(body, f, planes, reach, beginning, together, sweep):
         )
     else:
         planes.first[f + 1] = hand_out(
-            body, touch, listed, sweep.marks.mine, start, now, handing, planes
+            body, touch, listed, sweep.marks, start, now, handing, planes
         )
 
 
@@ -118,7 +127,7 @@ def _with_matrix(work, kept, f):
 
 
 @kernel
-def _advance(body, thread, reach, frame, together, sweep):
+def _advance(body, thread, frame, together, sweep):
     """Solve one body from the interval's start, with the forces that it feels now. frame:
     StepSettings. together: of _hand. Returns whether it could be solved."""
     batches, marks = sweep.batches, sweep.marks
@@ -135,10 +144,10 @@ def _advance(body, thread, reach, frame, together, sweep):
     settings = scale_settings(frame, model.length[f])
     if old.step[f] == 0.0:
         kept.matrices.pace[f] = 0.0
-        _hand(body, f, loads.contacts, reach, True, together, sweep)
+        _hand(body, f, loads.contacts, True, together, sweep)
         start_acceleration(model, loads, f, path, settings, old, work)
         old.step[f] = _BEGUN
-    _hand(body, f, loads.contacts, reach, False, together, sweep)
+    _hand(body, f, loads.contacts, False, together, sweep)
     _take(
         viewed(batches.rows_old, g),
         viewed(batches.rows_new, g),
@@ -157,7 +166,8 @@ def _advance(body, thread, reach, frame, together, sweep):
     if report.status[f] != 0.0:
         marks.mine[body] = 0
         return False
-    _put(new.points.nodes[f], model.joints.shape[3], sweep.now[body])
+    marks.moves[body] = move = _put(new.points.nodes[f], model.joints.shape[3], sweep.now[body])
+    marks.way[body] += _TURNING * move
     # the next try starts from this pose: rates that lead there
     copy_values(new.spin[f], old.spin[f])
     copy_values(new.coefficient_rate[f], old.coefficient_rate[f])
@@ -166,12 +176,12 @@ def _advance(body, thread, reach, frame, together, sweep):
         # in steps as long as were taken: longer ones would be rejected again
         old.proposal[f] = length
     if together:
-        rules = _handing(reach, False, sweep)
+        rules = _handing(False, sweep)
         planes = loads.contacts
         island = marks.island
         take_felt(body, sweep.touch, sweep.listed, island, sweep.joint, sweep.now, rules, planes)
     else:
-        update(body, sweep.touch, sweep.listed, sweep.now)
+        update(body, sweep.touch, sweep.listed, sweep.now, marks.way)
     first, near = sweep.touching
     marks.moved[body] = 1
     for at in range(first[body], first[body + 1]):
@@ -180,30 +190,31 @@ def _advance(body, thread, reach, frame, together, sweep):
 
 
 @kernel
-def _solve(body, thread, reach, sweep):
+def _solve(body, thread, sweep):
     """Solve one body: as a feather alone if nothing presses it, before as after.
 
     Bodies that press each other take the interval in one step: what both feel at its end is one
     impulse, equal and opposite.
     """
-    alone = not is_pressed(body, sweep.touch, sweep.listed)
-    if alone and not _advance(body, thread, reach, sweep.alone, False, sweep):
+    touch, listed, marks = sweep.touch, sweep.listed, sweep.marks
+    alone = not is_pressed(body, touch, listed, marks.way)
+    if alone and not _advance(body, thread, sweep.alone, False, sweep):
         return
-    if alone and not is_pressed(body, sweep.touch, sweep.listed):
+    if alone and not is_pressed(body, touch, listed, marks.way):
         return
-    shared = is_shared(body, sweep.touch, sweep.listed, sweep.marks.mine)
-    _advance(body, thread, reach, sweep.shared if shared else sweep.step, False, sweep)
+    shared = is_shared(body, touch, listed, marks)
+    _advance(body, thread, sweep.shared if shared else sweep.step, False, sweep)
 
 
 @kernel
-def _solve_after(body, thread, reach, sweep):
+def _solve_after(body, thread, sweep):
     """Solve one body when all that it touches of earlier colours are solved in this round."""
     (first, near), colours = sweep.touching, sweep.colours
     for at in range(first[body], first[body + 1]):
         other = near[at]
         if 0 <= colours.colour[other] < colours.colour[body]:
             wait_for(colours.done, other, 1)
-    _solve(body, thread, reach, sweep)
+    _solve(body, thread, sweep)
     say_done(colours.done, body)
 
 
@@ -215,7 +226,7 @@ def _measure(team, size, kind, sweep):
         low = _CONTACTS * ticket(team, kind)
         if low >= count:
             break
-        measure(sweep.touch, low, min(low + _CONTACTS, count), sweep.now)
+        measure(sweep.touch, low, min(low + _CONTACTS, count), sweep.now, sweep.marks.way)
 
 
 @kernel
@@ -223,14 +234,15 @@ def _look(body, number, sweep):
     """Measure how far the contacts of a body are off after so many rounds, and whether it is solved
     again."""
     marks = sweep.marks
-    marks.active[body] = 0
+    marks.active[body], sweep.handing.reach[body] = 0, marks.moves[body]
+    marks.moves[body] *= _FADING
     if marks.mine[body] == 0 or sweep.islands.open[marks.island[body]] == 0:
         return
     if marks.moved[body] != 0:
         marks.moved[body] = 0
         if number >= _PATIENCE:
             share_pinch(body, sweep.touch, sweep.listed, marks.fixed)
-        found = residual(body, sweep.touch, sweep.listed)
+        found = residual(body, sweep.touch, sweep.listed, marks.way)
         marks.worst[body], marks.open_by[body], marks.depth[body] = found
     again = marks.open_by[body] > 1.0
     if number == 0:
@@ -293,25 +305,18 @@ def _join_forces(island, number, before, sweep):
 
 
 @kernel
-def _reach(number, sweep):
-    """m, gap beyond which contacts without a force are left out of a round."""
-    # at first they may still go far
-    return np.inf if number == 1 else sweep.rules.reach
-
-
-@kernel
 def _measure_own(body, sweep):
     """Measure the contacts of a body."""
     for at in range(sweep.listed.first[body], sweep.listed.first[body + 1]):
         k = sweep.listed.items[at]
-        measure(sweep.touch, k, k + 1, sweep.now)
+        measure(sweep.touch, k, k + 1, sweep.now, sweep.marks.way)
 
 
 @kernel
-def _solve_together(body, thread, reach, sweep):
+def _solve_together(body, thread, sweep):
     """Solve one body with the forces that were solved together."""
     if sweep.joint.moves[body] != 0:
-        _advance(body, thread, reach, sweep.shared, True, sweep)
+        _advance(body, thread, sweep.shared, True, sweep)
 
 
 @kernel
@@ -334,13 +339,13 @@ def _solve_alone(island, thread, sweep):
                 find_weights(islands.bodies[at], thread, sweep)
             solve_forces(island, sweep)
             for at in range(low, high):
-                _solve_together(islands.bodies[at], thread, _reach(number, sweep), sweep)
+                _solve_together(islands.bodies[at], thread, sweep)
             continue
         most = colour_island(island, sweep.touching, sweep.marks, islands, colours)
         for c in range(most):
             for at in range(low, high):
                 if colours.colour[islands.bodies[at]] == c:
-                    _solve(islands.bodies[at], thread, _reach(number, sweep), sweep)
+                    _solve(islands.bodies[at], thread, sweep)
 
 
 @kernel
@@ -414,7 +419,7 @@ def solve_rounds(thread, team, size, sweep):
         if colours.number[0] == 0:
             return
         number += 1
-        reach, count = _reach(number, sweep), colours.first[colours.number[0]]
+        count = colours.first[colours.number[0]]
         kind = _join(team, size, thread, kind, count, sweep)
         while True:
             at = ticket(team, kind)
@@ -422,6 +427,6 @@ def solve_rounds(thread, team, size, sweep):
                 break
             body = colours.bodies[at]
             if sweep.joint.on[sweep.marks.island[body]] > 0:
-                _solve_together(body, thread, reach, sweep)
+                _solve_together(body, thread, sweep)
             else:
-                _solve_after(body, thread, reach, sweep)
+                _solve_after(body, thread, sweep)

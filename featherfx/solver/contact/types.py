@@ -22,16 +22,17 @@ RIM_SAMPLES = 4
 # there at the start.
 # Forces, N, that guest and host feel; stiffness, N/m, of the spring that each of them is pressed
 # against, and stiffest: that it may become; leeway: m, misfit that rounds may leave; before: m, its
-# gap one solve ago. place_start, place_now: m, of the host's point; guest_now: the guest's. joint:
-# its place among the forces that are solved together (JointForces), FIXED where what never
-# gives way presses it, else APART.
+# gap one solve ago; clear: m, ways of both bodies up to which it presses nothing.
+# place_start, place_now: m, of the host's point; guest_now: the guest's. joint: its place among the
+# forces that are solved together (JointForces), FIXED where what never gives way presses it, else
+# APART.
 FIXED, APART = -2, -1
 CONTACT_DTYPE = np.dtype(
     [(name, "i8") for name in ("pair", "row", "column", "point", "guest", "host", "side", "mirror")]
     + [("corner", "i8", (3, 2)), ("weight", "f8", (3,)), ("normal", "f8", (3,))]
     + [(name, "f8") for name in ("start_gap", "gap", "thickness", "spared", "fraction")]
     + [(name, "f8") for name in ("guest_force", "host_force", "stiffness", "stiffest")]
-    + [(name, "f8") for name in ("leeway", "before")]
+    + [(name, "f8") for name in ("leeway", "before", "clear")]
     + [(name, "f8", (3,)) for name in ("place_start", "place_now", "guest_now")]
     + [("joint", "i8")]
 )
@@ -169,13 +170,14 @@ class ByBody(NamedTuple):
 
 class HandoverRules(NamedTuple):
     """Rules by which contacts are handed to bodies. friction: coefficient. smoothing: m, slip over
-    which it sets in. reach: m, gap beyond which contacts without a force are left out. widest:
-    columns of the widest grid; columns: (B,) of the bodies' own. beginning: whether they are to
-    press with the forces that they had before the interval, whatever their gaps."""
+    which it sets in. reach: (B,) m, how far each body is expected to go in a solve: a contact
+    without a force is left out whose gap is more than both go. widest: columns of the widest grid;
+    columns: (B,) of the bodies' own. beginning: whether they are to press with the forces that they
+    had before the interval, whatever their gaps."""
 
     friction: float
     smoothing: float
-    reach: float
+    reach: Array
     widest: int
     columns: Indices
     beginning: bool = False

@@ -113,8 +113,8 @@ def meet_triangle(node, found, wall_and_open, bit, search, touch, count):
     along = dot(_normal(wall.start, corners), sub(x, old))
     thickness = 2.0 * surfaces.half[body, i, p]
     beside = sqrt(max(0.0, square - along * along))
-    # both ways count: a node that a wall drives on in the last try does not near it
     normal = _normal(wall.end, corners)
+    nearest = min(along, dot(normal, sub(ahead, new)))
     closing = abs(dot(normal, sub(ahead, x))) + abs(dot(normal, sub(new, old)))
     slant = SLANT_RATIO * min(abs(along), CREASE_RATIO * thickness)
     rim = beside - BESIDE_RATIO * thickness - slant
@@ -126,13 +126,14 @@ def meet_triangle(node, found, wall_and_open, bit, search, touch, count):
             inside[node.column] |= before if along >= 0.0 else behind
         if inside[node.column] & behind != 0:
             along, normal = -along, scale(-1.0, normal)
+            nearest = min(along, dot(normal, sub(ahead, new)))
     elif along >= 0.0:
         inside[node.column] &= ~bit
     elif wall.beginning != 0:
         inside[node.column] |= bit
     if rim > closing:
         return count
-    if along - thickness > search.margin[body] + closing or inside[node.column] & bit != 0:
+    if nearest - thickness > search.margin[body] or inside[node.column] & bit != 0:
         return count
     contact = slot(touch, count)
     start_contact(contact, node, p, fraction)
