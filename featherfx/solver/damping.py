@@ -76,7 +76,7 @@ def with_damping(model: Model, kinds: list[FeatherKind]) -> Model:
     retardation, times, weights = (
         np.array([[each[k] for each in both] for both in fitted]) for k in range(3)
     )
-    softer = np.array([[_softening(each) for each in both] for both in materials])
+    softer = np.array([[softening(each) for each in both] for both in materials])
     found: dict[str, Any] = {}
     for name, part in _MODULI.items():
         values = getattr(model, name)
@@ -87,8 +87,8 @@ def with_damping(model: Model, kinds: list[FeatherKind]) -> Model:
     )
 
 
-def _softening(material: RachisMaterial | VaneMaterial) -> float:
-    """Modulus at rest over that at the material's reference frequency."""
+def softening(material: RachisMaterial | VaneMaterial) -> float:
+    """Return the modulus at rest over that at the material's reference frequency."""
     turn = 2j * np.pi * material.reference_frequency
     _, times, weights = fit_branches(material.loss_factor, material.loss_band)
     return float(1.0 / (1.0 + (weights * turn * times / (1.0 + turn * times)).sum().real))

@@ -60,6 +60,8 @@ def test_a_light_feather_falls_at_the_balance_of_weight_and_drag(name):
     assert 0.0 < found.drift < 1.4 * found.speed
     # no pose meets more air than this one; one that tilts falls faster
     assert 0.95 < found.speed / terminal < 1.2
+    # across its vane it is no faster, however it glides
+    assert found.across == pytest.approx(terminal, rel=0.08)
 
 
 def test_a_fall_of_no_time_is_refused():

@@ -57,6 +57,8 @@ BOOK, OTHER, OWN = published("a book"), independent("another method"), ourselves
         (bounded("a", 1.0, OTHER, at_least=0.5), "agrees"),
         (bounded("a", math.nan, OTHER, at_least=0.5), "differs"),
         (bounded("a", math.nan, OTHER, at_most=0.5), "differs"),
+        (bounded("a", 1.0, published("a book, in words"), at_most=1.0), "holds"),
+        (bounded("a", 1.1, published("a book, in words"), at_most=1.0), "fails"),
         (reported("a", 7.0), "no comparison"),
     ],
 )

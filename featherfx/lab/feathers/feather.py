@@ -46,7 +46,7 @@ from featherfx.lab.nodal.solver import (
     nodal_system,
 )
 from featherfx.lab.ribbons.rod import Vector, posed
-from featherfx.mechanics.air_kernels import blow
+from featherfx.mechanics.air_kernels import area_vectors, blow
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Loads, Model, no_loads
 from featherfx.mechanics.node_kernels import node_forces
@@ -355,12 +355,14 @@ class FallTest:
 @dataclass(frozen=True)
 class Fall:
     """Outcome of a FallTest, over the second half of its duration. speed: m/s, mean of the centre
-    of mass, downwards; slowest, fastest: m/s, of its steps; drift: m/s, mean of its level speed."""
+    of mass, downwards; slowest, fastest: m/s, of its steps; drift: m/s, mean of its level speed;
+    across: m/s, mean of its speed across the plane that its vane lies in on average."""
 
     speed: float
     slowest: float
     fastest: float
     drift: float
+    across: float
 
 
 def find_feather_modes(
@@ -415,14 +417,20 @@ def measure_fall(test: FallTest, preset_folders: tuple[str | Path, ...] = ()) ->
     state = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
     solver = Solver(model, Settings(tolerance=test.tolerance, newton=0.01 * test.tolerance))
     steps = max(2, round(test.duration * _STEPS_PER_SECOND))
-    centres, mass = [], model.mass[0] / model.mass[0].sum()
+    centres, normals, mass = [], [], model.mass[0] / model.mass[0].sum()
+    area = np.zeros((*mass.shape, 3))
     for _ in range(steps):
-        centres.append(np.einsum("ip,ipx->x", mass, state.points.nodes[0]))
+        nodes = state.points.nodes[0]
+        area_vectors(nodes, model.cell_stiffness[0], area)
+        centres.append(np.einsum("ip,ipx->x", mass, nodes))
+        normals.append(area.sum(axis=(0, 1)) / np.linalg.norm(area.sum(axis=(0, 1))))
         state, report = solver.step(state, loads, hold_roots(state), test.duration / steps)
         raise_if_failed(report.status, state.time, [test.kind])
     velocity = np.diff(centres, axis=0)[steps // 2 :] / (test.duration / steps)
     speeds, level = -velocity[:, 2], np.hypot(velocity[:, 0], velocity[:, 1])
-    return Fall(*map(float, (speeds.mean(), speeds.min(), speeds.max(), level.mean())))
+    across = np.abs(np.einsum("kx,kx->k", velocity, normals[1 + steps // 2 :]))
+    found = speeds.mean(), speeds.min(), speeds.max(), level.mean(), across.mean()
+    return Fall(*map(float, found))
 
 
 def _air() -> Array:

@@ -193,15 +193,17 @@ def _damped(name: str) -> Comparisons:
 
 
 def _fallen(name: str) -> Comparisons:
-    """Speed of a free fall beside that of a plate of its weight that stays level."""
+    """Speed of a free fall across the vane beside that of a plate of its weight that stays level.
+
+    A feather glides, and barbs that are not hooked feel the speed across them alone (independence
+    principle of swept cylinders)."""
     (kind, model), rows = _model(name), Comparisons()
     area = abs(float(_areas(kind, model)[..., 2].sum()))
     drag = 0.5 * _AIR * area * _plate(_aspect(kind, area), 90.0)
     level = np.sqrt(float(model.mass[0].sum()) * _GRAVITY / drag)
     fall = measure_fall(FallTest(name))
-    note = (
-        f"no published speed is known to us; it drifts at {fall.drift:.2g} m/s, the plate does not"
-    )
-    text = f"speed at which {name} falls"
-    rows.compare(text, fall.speed, float(level), 0.1, _PLATES, unit="m/s", note=note)
+    note = f"it falls at {fall.speed:.2g} m/s and drifts at {fall.drift:.2g}, which no publication"
+    note += " that we know tells"
+    text = f"speed across its vane at which {name} falls"
+    rows.compare(text, fall.across, float(level), 0.1, _PLATES, unit="m/s", note=note)
     return rows

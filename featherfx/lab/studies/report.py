@@ -162,13 +162,14 @@ _INTRODUCTION = (
     " have of Jouve et al. 2024 (10 pages) and Charrondiere et al. 2019 (7 pages) carry none. SI"
     " units."
 )
-_DIFFERENCES = "## What differs\n\nRows of the sections above that miss their tolerance."
+_MISSED = "differs", "fails"
+_DIFFERENCES = "## What differs\n\nRows that miss their tolerance, and statements that fail."
 NO_PLOTS = "There are no figures: matplotlib (the optional extra `plots`) is not installed."
 _STYLE = """
 body { font: 15px/1.5 sans-serif; max-width: 70em; margin: 2em auto; padding: 0 1em; }
 table { border-collapse: collapse; } td, th { padding: .2em .6em; border-bottom: 1px solid #ddd; }
 td.number { text-align: right; font-variant-numeric: tabular-nums; }
-.agrees { color: #060; } .differs { color: #a00; font-weight: bold; }
+.agrees, .holds { color: #060; } .differs, .fails { color: #a00; font-weight: bold; }
 img { max-width: 100%; } figure { margin: 1em 0; } figcaption { color: #444; }
 """
 
@@ -199,21 +200,17 @@ def facts(entries: Sequence[Entry], version: str) -> list[str]:
     rows = [row for entry in entries for row in entry.result.rows]
     seconds = sum(s for e in entries if math.isfinite(s := e.result.processor_seconds))
     date, listed = facts_of(machine(version))
+    held, failed = (sum(row.verdict == each for row in rows) for each in ("holds", "fails"))
     return [
         f"Last written on {date}; the studies took {seconds:.0f} s of processor time, kernels"
         f" compiled before. Machine and versions: {listed}.",
-        f"Of {len(rows)} numbers, {_sum_of(rows, 'published')} with published ones"
-        f" ({_sum_of(_in_words(rows), 'published')} of them with what a text says in words) and"
+        f"Of {len(rows)} numbers, {_sum_of(rows, 'published')} with published ones and"
         f" {_sum_of(rows, 'independent')} with independent solutions; {_sum_of(rows, 'self')} with"
         f" ourselves, which does not count; {sum(row.source is None for row in rows)} have nothing"
-        " to be compared with.",
+        f" to be compared with. A bound that a text states in words is no agreement: {held} such"
+        f" statements hold of ours and {failed} fail.",
         *([] if can_plot() else [NO_PLOTS]),
     ]
-
-
-def _in_words(rows: Sequence[Row]) -> list[Row]:
-    """Those that are held against a statement, not a number."""
-    return [row for row in rows if row.source is not None and "in words" in row.source.text]
 
 
 def _sum_of(rows: Sequence[Row], kind: Kind) -> str:
@@ -238,10 +235,10 @@ def markdown(
             f"`{study.name}`, after {study.reproduces}. {result.verdict.capitalize()};"
             f" {taken(result)}."
         )
-        parts += _tables([row for row in result.rows if row.verdict != "differs"])
+        parts += _tables([row for row in result.rows if row.verdict not in _MISSED])
         for figure in result.figures:
             parts += [f"![]({folder}/{figure.file.name})", f"*{figure.caption}*"]
-    different = [row for entry in entries for row in entry.result.rows if row.verdict == "differs"]
+    different = [row for entry in entries for row in entry.result.rows if row.verdict in _MISSED]
     parts += [_DIFFERENCES, *_tables(different)] if different else []
     return "\n\n".join(parts) + "\n"
 

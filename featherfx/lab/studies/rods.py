@@ -173,7 +173,7 @@ def plates_in_motion(folder: Path) -> StudyResult:
             found = run_contact(ContactTest(case=case, steps=steps))  # type: ignore[arg-type]
             text = f"of {case}, {steps} steps"
             ours, exact = getattr(found, name), getattr(found, f"{name}_exact")
-            note = "implicit steps slow a swing; more converge" if source == _BEAM else ""
+            note = "contact slows a swing in proportion to the step" if source == _BEAM else ""
             if steps in (0, _STEPS[-1]):
                 whole = f"{name} {text}"
                 rows.compare(whole, ours, exact, allowed, source, unit=names[name], note=note)

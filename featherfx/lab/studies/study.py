@@ -102,7 +102,7 @@ def with_pages(text: str) -> str:
     return _PLACE.sub(paged, text)
 
 
-Verdict = Literal["agrees", "differs", "only with itself", "no comparison"]
+Verdict = Literal["agrees", "differs", "holds", "fails", "only with itself", "no comparison"]
 Kind = Literal["published", "independent", "self"]
 Comparison = Literal["relative", "absolute", "at most", "at least", "none"]
 
@@ -164,17 +164,20 @@ class Row:
 
     @property
     def verdict(self) -> Verdict:
-        """Return whether ours agrees with the reference; a number that is not finite never does."""
+        """Return whether ours agrees with the reference, or what a text says in words holds of it;
+        a number that is not finite never does."""
         if self.comparison == "none" or self.reference is None:
             return "no comparison"
         if self.comparison == "at most":
-            return "agrees" if self.ours <= self.reference else "differs"
-        if self.comparison == "at least":
-            return "agrees" if self.ours >= self.reference else "differs"
-        allowed = self.tolerance or 0.0
-        if self.comparison == "relative":
-            allowed *= abs(self.reference)
-        return "agrees" if abs(self.ours - self.reference) <= allowed else "differs"
+            right = self.ours <= self.reference
+        elif self.comparison == "at least":
+            right = self.ours >= self.reference
+        else:
+            scale = abs(self.reference) if self.comparison == "relative" else 1.0
+            right = abs(self.ours - self.reference) <= scale * (self.tolerance or 0.0)
+        if self.source is not None and "in words" in self.source.text:
+            return "holds" if right else "fails"
+        return "agrees" if right else "differs"
 
 
 @dataclass(frozen=True)
@@ -200,7 +203,7 @@ class StudyResult:
     def verdict(self) -> Verdict:
         """That of all rows together: one that differs is enough, and what agrees only with
         ourselves confirms nothing."""
-        if any(row.verdict == "differs" for row in self.rows):
+        if any(row.verdict in ("differs", "fails") for row in self.rows):
             return "differs"
         kinds = {row.source.kind for row in self.rows if row.source is not None}
         if not kinds:
