@@ -253,13 +253,19 @@ class FeatherKind:
         Number(0, 1),
         "Power of its size with which the distance of barbs grows where a feather is scaled.",
     ] = 0.0
+    thickness_exponent: Annotated[
+        float,
+        Number(0, 1),
+        "Power of its size with which the vane and the shaft's wall thicken where it is scaled.",
+    ] = 1.0
     scaling: Annotated[
         str,
         Text(("similar", "behaviour", "fixed_vane")),
         "What follows where a feather is scaled: similar, all thicknesses, of the same keratin "
-        "(droop over length goes as the size, frequencies as 1 / size); behaviour, moduli grow "
-        "too, so that it hangs and moves as before, at 1 / sqrt(size) of the rate; fixed_vane, the "
-        "shaft alone, and the vane's figures stay as written.",
+        "(droop over length goes as the size, frequencies as 1 / size, with a thickness_exponent "
+        "of 1); behaviour, moduli grow too, so that it hangs and moves as before, at 1 / "
+        "sqrt(size) of the rate; fixed_vane, the shaft alone, and the vane's figures stay as "
+        "written.",
     ] = "similar"
     vane_material: Annotated[
         VaneMaterial, Preset("material/vane", keys_of(VaneMaterial)), "Material of both vanes."

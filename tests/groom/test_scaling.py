@@ -1,5 +1,6 @@
 """Scaled, stiffened and weighted feathers: what the rules of scaling say, of models and poses."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -11,6 +12,7 @@ from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.kinds import Change, adjusted, kind_of
 from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.read.read import read_groom
+from featherfx.groom.types import VaneShape
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.solver import Settings, Solver
@@ -22,7 +24,7 @@ RULES = ("similar", "behaviour")
 
 
 @cache
-def kind(scaling="similar", clamp=0.0):
+def kind(scaling="similar", clamp=0.0, exponent=1.0):
     _, tree = load_preset("feather/swan_primary")
     for name, value in (("barb_clamp_normal", clamp), ("barb_clamp_in_plane", 2.0 * clamp)):
         old = tree["vane_material"][name]
@@ -30,6 +32,7 @@ def kind(scaling="similar", clamp=0.0):
     old = tree["vane_material"]["compression_guard"]
     tree["vane_material"]["compression_guard"] = old.__class__(1e5, old.source)
     tree["scaling"] = old.__class__(scaling, "test")
+    tree["thickness_exponent"] = old.__class__(exponent, "test")
     return kind_of("swan_primary", tree, Place("", "", Problems()))
 
 
@@ -90,6 +93,23 @@ def test_with_a_fixed_vane_only_the_shaft_follows():
     ends = np.abs(droop(larger, 2.0)[:, :, 2]).max()
     similar = np.abs(droop(adjusted(kind("similar"), Change(scale=2.0)), 2.0)[:, :, 2]).max()
     assert ends > 1.5 * similar
+
+
+def test_walls_and_vanes_thicken_less_than_they_lengthen():
+    own = kind(exponent=0.6)
+    longer, wall = adjusted(own, Change(scale=2.0)), own.rachis_material.cortex_fraction
+    assert longer.rachis.diameter_base == 2.0 * own.rachis.diameter_base
+    assert longer.rachis_material.cortex_fraction == pytest.approx(2.0**-0.4 * wall)
+    for name, power in (("surface_density", 0.6), ("thickness", 0.6), ("bending_across", 1.8)):
+        ratio = getattr(longer.vane_material, name) / getattr(own.vane_material, name)
+        assert ratio == pytest.approx(2.0**power), name
+    bare, other = (
+        replace(each, leading=VaneShape((), ()), trailing=VaneShape((), ()))
+        for each in (own, longer)
+    )
+    # a thin wall bends as s^2 t and weighs so, but for its core
+    assert rates(other) == pytest.approx(0.5 * rates(bare), rel=0.03)
+    assert adjusted(own, Change(scale=1e-3)).rachis_material.cortex_fraction == 1.0
 
 
 @pytest.mark.parametrize("scaling", RULES)

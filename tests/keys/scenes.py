@@ -237,6 +237,7 @@ SCENES = {
             ".splits",
             ".barb_spacing",
             ".barb_spacing_exponent",
+            ".thickness_exponent",
             ".overrides.barbs",
             ".loss_band",
             ".reference_frequency",
@@ -245,14 +246,18 @@ SCENES = {
     "loss band": Scene(
         groom(
             feather=[
-                FEATHER | {"overrides": {"vane_material": LOSS, "rachis_material": LOSS}},
+                FEATHER
+                | {"scale": 1.2, "overrides": {"vane_material": LOSS, "rachis_material": LOSS}},
             ]
         ),
         shot(grip=[PULL]),
-        tuple(
-            f"groom.feather.0.overrides.{part}_material.{key}"
-            for part in ("vane", "rachis")
-            for key in ("loss_band", "reference_frequency")
+        (
+            "groom.feather.0.overrides.thickness_exponent",
+            *(
+                f"groom.feather.0.overrides.{part}_material.{key}"
+                for part in ("vane", "rachis")
+                for key in ("loss_band", "reference_frequency")
+            ),
         ),
     ),
     "barbs": Scene(
@@ -274,7 +279,7 @@ SCENES = {
             ".up": [[0, 0.5, 1]],
             ".mirror": ["y"],
         },
-        (".rotation", ".joint", *FEATHER_KEYS),
+        (".rotation", ".joint", ".thickness_exponent", *FEATHER_KEYS),
     ),
     "turned": Scene(
         groom(

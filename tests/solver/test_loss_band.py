@@ -8,6 +8,7 @@ import pytest
 from drawn_cases import crumple
 from trial_batches import at_origin, preset_batch, preset_kind, rod
 
+from featherfx.api import read_shot
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
 from featherfx.lab.feathers.feather import feather_kind
@@ -172,3 +173,18 @@ def test_a_band_that_is_none_is_an_error(tmp_path, changes, words):
     (tmp_path / "feather" / "odd.toml").write_text(f'base = "contour"\n[vane_material]\n{text}')
     with pytest.raises(InputError, match=words):
         feather_kind("odd", (tmp_path,))
+
+
+@pytest.mark.parametrize(("in_shot", "at_fault"), [("loss_band", "shot"), ("loss_factor", "groom")])
+def test_a_wrong_band_is_named_where_it_is_written(tmp_path, in_shot, at_fault):
+    bands = {"groom": [1, 200], "shot": [1, 200]} | {at_fault: [200, 1]}
+    feather = '[[feather]]\nid = "a"\nkind = "contour"\nposition = [0, 0, 0]\nup = [0, 0, 1]'
+    feather += "\ndirection = [1, 0, 0]"
+    own = f"overrides.vane_material.loss_band = {bands['groom']}"
+    (tmp_path / "groom.toml").write_text(f'name = "g"\n{feather}\n{own}\n')
+    value = bands["shot"] if in_shot == "loss_band" else 0.2
+    text = 'name = "s"\ngroom = "groom.toml"\nframes = [1, 2]\nmotion.kind = "hold"'
+    own = f"overrides.a.vane_material.{in_shot} = {value}"
+    (tmp_path / "shot.toml").write_text(f"{text}\n{own}\n")
+    with pytest.raises(InputError, match=rf"{at_fault}\.toml: \S+loss_band: a band"):
+        read_shot(tmp_path / "shot.toml")

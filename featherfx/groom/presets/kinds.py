@@ -102,6 +102,7 @@ def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind:
         calamus=values["calamus"],
         barb_spacing=values["barb_spacing"],
         barb_spacing_exponent=values["barb_spacing_exponent"],
+        thickness_exponent=values["thickness_exponent"],
         scaling=values["scaling"],
         rachis=RachisShape(**values["rachis"]),
         leading=leading,
@@ -143,7 +144,7 @@ def kind_of(name: str, tree: Tree, place: Place) -> FeatherKind:
         kind = follow_rachis_line(kind, line, _at(tree, place, "rachis", "line"))
     _check_hooks(kind.vane_material, tree, place)
     for name in ("rachis_material", "vane_material"):
-        _check_band(getattr(kind, name), place.child(name))
+        _check_band(getattr(kind, name), _at(tree, place, name, "loss_band"))
     _check_profiles(kind, tree, place)
     if kind.vane_material.ribbon:
         _check_ribbon(kind, tree, place)
@@ -155,7 +156,7 @@ def _check_band(material: RachisMaterial | VaneMaterial, place: Place) -> None:
     lowest, highest = material.loss_band
     if not lowest < highest <= MAX_LOSS_BAND_RATIO * lowest:
         message = "a band is a lowest and a highest frequency. Give the second above the first"
-        place.child("loss_band").fail(f"{message} and up to {MAX_LOSS_BAND_RATIO:g} times as high")
+        place.fail(f"{message} and up to {MAX_LOSS_BAND_RATIO:g} times as high")
 
 
 def _check_hooks(vane: VaneMaterial, tree: Tree, place: Place) -> None:

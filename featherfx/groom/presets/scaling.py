@@ -1,26 +1,30 @@
 """Materials of a feather whose size, stiffness or weight is changed.
 
-A feather s times as long keeps its shape: diameters and thickness grow with s, and what its
-materials are given by per area or per metre of vane follows, with moduli m times as large. Barbs do
-not stand apart as much, e is the kind's `barb_spacing_exponent`:
+A feather s times as long keeps its shape. Its thickness, of the vane and of the shaft's wall, grows
+with t = s^e, and what its materials are given by per area or per metre of vane follows, with moduli
+m times as large. Barbs do not stand apart as much. e is the kind's `thickness_exponent`, b its
+`barb_spacing_exponent`:
 
     quantity                                       factor
-    length, diameters, thickness, release of hooks s
-    barb spacing, slip of hooks                    s^e
+    length, diameters                              s
+    thickness, release of hooks                    t
+    cortex, share of the radius                    t / s, up to a solid shaft
+    barb spacing, slip of hooks                    s^b
     densities of cortex and core                   1
-    mass of the vane per area                      s
+    mass of the vane per area                      t
     moduli, stresses at which hooks give way (Pa)  m
-    bending of barbs, bending across (N m)         m s^3
-    compliance of the barbs' roots (rad/N)         1 / (m s^2)
+    bending of barbs, bending across (N m)         m t^3
+    compliance of the barbs' roots (rad/N)         1 / (m t^2)
 
-All elastic energies then grow as m s^3, masses as s^3 and the work of gravity as s^4, so that
+A shaft with a thin wall weighs as s^2 t and its bending energy goes as m s^2 t, so that of shafts,
+and where e is 1 of whole feathers,
 
     droop over length ~ s / m,    frequencies ~ sqrt(m) / s
 
     similar      m = 1: the same keratin. Twice the size hangs twice as far, for its length, and
                  swings at half the rate. Primaries of birds of all sizes are nearly so: they are
                  geometrically, not elastically similar (Worcester 1987, honors thesis, University
-                 of Utah; 1996, J. Zool. 239: 609).
+                 of Utah; 1996, J. Zool. 239: 609), but for their walls: e is below 1.
     behaviour    m = s: stiffer as it grows (Froude's similarity). It hangs as before, for its
                  length, and moves as before at 1 / sqrt(s) of the rate, in winds of sqrt(s) times
                  the speed too, since moduli grow as their pressure.
@@ -43,7 +47,7 @@ from featherfx.groom.types import FeatherKind
 Material = TypeVar("Material", VaneMaterial, RachisMaterial)
 
 _BENDING_ALONG = "barb_bending_normal", "barb_bending_in_plane"
-# powers of m and s with which figures of a vane grow, but for hook_slip
+# powers of m and t with which figures of a vane grow, but for hook_slip
 _POWERS = {
     **dict.fromkeys(("modulus_along_barbs", "modulus_across_barbs", "shear_modulus"), (1, 0)),
     **dict.fromkeys(("compression_guard", "hook_strength"), (1, 0)),
@@ -69,8 +73,8 @@ def change_materials(
     """
     moduli = stiffness * (size if kind.scaling == "behaviour" else 1.0)
     grown = 1.0 if kind.scaling == "fixed_vane" else size
-    wider = grown**kind.barb_spacing_exponent
-    vane = {name: moduli**m * grown**s for name, (m, s) in _POWERS.items()}
+    wider, thicker = grown**kind.barb_spacing_exponent, grown**kind.thickness_exponent
+    vane = {name: moduli**m * thicker**t for name, (m, t) in _POWERS.items()}
     vane["hook_slip"] = wider
     vane["surface_density"] *= weight
     across, along, thickness = drawn
@@ -81,6 +85,8 @@ def change_materials(
     vane["thickness"] *= thickness
     shaft = {"youngs_modulus": moduli, "shear_modulus": moduli}
     shaft |= {"cortex_density": weight, "core_density": weight}
+    wall = size ** (kind.thickness_exponent - 1.0)
+    shaft["cortex_fraction"] = min(wall, 1.0 / kind.rachis_material.cortex_fraction)
     return {
         "barb_spacing": kind.barb_spacing * wider,
         "vane_material": _times(kind.vane_material, vane),

@@ -13,6 +13,8 @@ from featherfx.algebra.types import Array
 from featherfx.feather.build import build_feather
 from featherfx.feather.profiles import at_places
 from featherfx.groom.materials import RachisMaterial
+from featherfx.groom.presets.kinds import Change, adjusted
+from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.types import FeatherKind, VaneShape
 from featherfx.lab.feathers.feather import feather_kind
 from featherfx.lab.studies.study import Comparisons, StudyResult, ourselves, published
@@ -63,6 +65,19 @@ _PIGEON = (
     Weighed(2, 37.3, 104.3, 2.90, 14.0, 6.88, 0.12),
     Weighed(1, 33.4, 102.4, 2.71, 12.0, 6.56, 0.10),
 )
+# length (mm) and mass (g, to 0.01) of the first to the ninth secondary of the pigeon
+_SECONDARIES = (
+    (127.5, 0.10),
+    (119.7, 0.09),
+    (118.2, 0.09),
+    (106.0, 0.08),
+    (108.6, 0.08),
+    (109.4, 0.08),
+    (111.1, 0.08),
+    (108.1, 0.07),
+    (94.3, 0.06),
+)
+_WEIGHED_TO = 0.005  # g, half of the last digit
 _AIR = 1.225  # kg/m^3
 # increase of the first frequency in air where the vanes are cut off, percent: middle and half width
 _RISE = 60.5, 9.5
@@ -74,8 +89,10 @@ def as_weighed(kind: FeatherKind, bird: Weighed) -> FeatherKind:
     """A kind with the length, calamus and widths of a primary."""
     length, base = 1e-3 * (bird.calamus + bird.vane), 1e-3 * bird.width
     tip = kind.rachis.diameter_tip * base / kind.rachis.diameter_base
+    vane = adjusted(kind, Change(scale=length / kind.length)).vane_material
     return replace(
         kind,
+        vane_material=vane,
         length=length,
         calamus=1e-3 * bird.calamus / length,
         rachis=replace(kind.rachis, diameter_base=base, diameter_tip=tip),
@@ -118,17 +135,12 @@ def _frequencies(
 
 def masses(folder: Path) -> StudyResult:
     """Presets with the measures of weighed primaries, and as they are."""
-    rows, powers, ratios = Comparisons(), Comparisons(), []
+    rows, ratios = Comparisons(), []
     for bird, preset, birds in (("gull", "swan_primary", _GULL), ("pigeon", "primary", _PIGEON)):
         kinds = [as_weighed(feather_kind(preset), each) for each in birds]
         ours = [1e3 * mass(each) for each in kinds]
         ratios.append([one / each.mass for one, each in zip(ours, birds, strict=True)])
         rows += _shape(bird, preset, ratios[-1])
-        length, weighed = [each.length for each in kinds], [each.mass for each in birds]
-        power, told = (np.polyfit(np.log(length), np.log(each), 1)[0] for each in (ours, weighed))
-        text = f"power of the length with which {preset} of a {bird}'s ten primaries weighs"
-        note = f"weighed {told:.3g}; ours takes the measured widths of the calamus"
-        powers.compare(text, power, *_POWER, _DAWSON, absolute=True, note=note)
     both = float(np.exp(np.mean(np.log(ratios))))
     rows.compare("mass over measured, all twenty, geometric mean", both, 1.0, 0.1, _FITTED)
     for preset, birds in (("swan_primary", _GULL), ("primary", _PIGEON)):
@@ -140,24 +152,60 @@ def masses(folder: Path) -> StudyResult:
         source = ourselves(f"{_WEIGHED}: {text_of_line}")
         measured = at_length(birds, kind.length)
         rows.compare(text, 1e3 * mass(kind), measured, 0.25, source, unit="g", note=note)
+    ours = [1e3 * _grown_mass("secondary", 1e-3 * length) for length, _ in _SECONDARIES]
+    weighed, text = [each for _, each in _SECONDARIES], "mean mass of nine secondaries of a pigeon"
+    source = published(f"{_WEIGHED}, weighed to 0.01 g")
+    note = "secondary at their lengths; nothing was fitted to them"
+    values = float(np.mean(ours)), float(np.mean(weighed)), _WEIGHED_TO
+    rows.compare(text, *values, source, unit="g", absolute=True, note=note)
     for preset in ("swan_primary", "primary"):
         kind = feather_kind(preset)
-        whole = _frequencies(kind, _COLUMNS, _COEFFICIENTS, 1)[0]
+        whole, edgewise = _frequencies(kind, _COLUMNS, _COEFFICIENTS, 2)
         blown = _frequencies(kind, _COLUMNS, _COEFFICIENTS, 1, _AIR)[0]
-        bare = _frequencies(_bare(kind), 1, 0, 1)[0]
-        rise = 100.0 * (bare / blown - 1.0)
+        bare = _frequencies(_bare(kind), 1, 0, 2)
+        rise = 100.0 * (bare[0] / blown - 1.0)
         text = f"first frequency of {preset} without its vanes, more by"
         note = f"so vanes and their air have {moving_fraction(rise):.0%} of the mass that moves;"
-        note += f" in vacuum it rises by {100.0 * (bare / whole - 1.0):.0f} %; of theirs"
-        note += f" {moving_fraction(_RISE[0] - _RISE[1]):.0%} to {moving_fraction(sum(_RISE)):.0%}"
+        note += f" in vacuum it rises by {100.0 * (bare[0] / whole - 1.0):.0f} %, in the vane's"
+        note += f" plane, where air is not pushed, by {100.0 * (bare[1] / edgewise - 1.0):.0f}; of"
+        note += f" theirs, shaken in both, {moving_fraction(_RISE[0] - _RISE[1]):.0%} to"
+        note += f" {moving_fraction(sum(_RISE)):.0%}"
         rows.compare(text, rise, *_RISE, _TRIMMED, unit="%", absolute=True, note=note)
         rows.report(f"first frequency of {preset}, clamped", whole, unit="Hz")
-    return StudyResult([*rows, *powers, *_keratin(), *_along(), *_train()])
+    return StudyResult([*rows, *_grown(), *_keratin(), *_along(), *_train()])
 
 
 # Dawson 2005: power of the length with which primaries of a wing weigh, mean and deviation
 _POWER = 2.41, 0.42
-_DAWSON = published("Dawson 2005 (Ibis 147), abstract: 2.41, s.d. 0.42, of 120 species")
+_DAWSON = published(
+    "Dawson 2005 (Ibis 147), abstract: 2.41, s.d. 0.42, of 120 species, inwards of the wing's tip"
+)
+
+
+def _grown_mass(preset: str, length: float) -> float:
+    """kg, of a preset scaled to a length (m)."""
+    kind = feather_kind(preset)
+    return mass(adjusted(kind, Change(scale=length / kind.length)))
+
+
+def _grown() -> Comparisons:
+    """Compare how primaries of wings weigh, as wings scale them."""
+    rows = Comparisons()
+    for bird, measured in (("pigeon", _PIGEON), ("gull", _GULL)):
+        _, tree = load_preset(f"wing/{bird}")
+        row = tree["primaries"]
+        length = row["lengths"].value
+        inner = length[: int(np.argmax(length))]
+        ours = [_grown_mass(row["kind"].value, each) for each in inner]
+        power = np.polyfit(np.log(inner), np.log(ours), 1)[0]
+        every = [each.calamus + each.vane for each in measured]
+        first = 1 + int(np.argmax(every))
+        weighed = [each.mass for each in measured[first:]]
+        told = np.polyfit(np.log(every[first:]), np.log(weighed), 1)[0]
+        text = f"power of the length with which inner primaries of a {bird}'s wing weigh"
+        note = f"weighed {told:.3g} ({_WEIGHED})"
+        rows.compare(text, power, *_POWER, _DAWSON, absolute=True, note=note)
+    return rows
 
 
 def _keratin() -> Comparisons:

@@ -202,8 +202,9 @@ def _fallen(name: str) -> Comparisons:
     drag = 0.5 * _AIR * area * _plate(_aspect(kind, area), 90.0)
     level = np.sqrt(float(model.mass[0].sum()) * _GRAVITY / drag)
     fall = measure_fall(FallTest(name))
-    note = f"it falls at {fall.speed:.2g} m/s and drifts at {fall.drift:.2g}, which no publication"
-    note += " that we know tells"
+    angle = np.degrees(np.arcsin(fall.across / np.hypot(fall.speed, fall.drift)))
+    note = f"it falls at {fall.speed:.2g} m/s and drifts at {fall.drift:.2g}, its vane at"
+    note += f" {angle:.0f} deg to its way; no publication that we know tells of falls"
     text = f"speed across its vane at which {name} falls"
     rows.compare(text, fall.across, float(level), 0.1, _PLATES, unit="m/s", note=note)
     return rows

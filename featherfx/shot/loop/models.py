@@ -86,6 +86,7 @@ def _of_unit_size(placement: Placement, options: FeatherOptions) -> FeatherKind 
         unit is None
         or placement.leaf is not None
         or unit.scaling != "similar"
+        or unit.thickness_exponent != 1.0
         or has_open_hooks(unit, options)
     ):
         return None
