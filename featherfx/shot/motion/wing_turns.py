@@ -156,12 +156,14 @@ class ArmTurns:
         back = vectors_to_frames(((share - 1.0) * swing)[:, None] * axis)
         shoulders = applied(rotations[self.arms], self.pivots) + shifts[self.arms]
         positions, frames = roots.positions.copy(), roots.rotations.copy()
-        away = positions[self.members] - shoulders
-        positions[self.members] = shoulders + applied(back, away)
+        bone = self.ways[:, None] * now
+        away = applied(back, positions[self.members] - shoulders - bone)
         found = back @ frames[self.members]
         shaft = found[:, :, 0]
         roll = np.arctan(self.ways * slope * swing) * dots(axis, shaft)
-        frames[self.members] = vectors_to_frames(roll[:, None] * shaft) @ found
+        rolled = vectors_to_frames(roll[:, None] * shaft)
+        positions[self.members] = shoulders + applied(back, bone) + applied(rolled, away)
+        frames[self.members] = rolled @ found
         return RootFrames(positions, frames)
 
 
