@@ -94,9 +94,7 @@ def _bake(
     try:
         report = carry_out(task, notify)
         report["read"] = list_entries(reads)
-        # contacts that yielded keep no error, and finer steps are yet harder to solve
-        contact = report.get("contact")
-        if path is not None and contact and not contact["feathers_whose_contacts_yielded"]:
+        if path is not None and report.get("contact"):
             from featherfx.shot.loop.contact_error import add_contact_error
 
             with phase("comparing", silent=True):

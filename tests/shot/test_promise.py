@@ -248,6 +248,14 @@ def test_errors_of_feathers_that_push_each_other_are_measured(tmp_path, monkeypa
     assert told["error_measured"] is None
 
 
+def test_errors_in_contact_that_cannot_be_measured_are_told(gust):
+    shot = replace(part_of(gust, np.array([0])), contact=random_shot(2, ["covert"]).contact)
+    off = {"contact": {"feathers_whose_contacts_yielded": 1}}
+    for report, why in ((off, "left out"), ({"undefined": {}}, "no two feathers")):
+        told = contact_error.add_contact_error(shot, {"error_not_promised": "before", **report})
+        assert why in told["error_not_promised"]
+
+
 def test_neighbours_of_two_kinds_are_measured_once(tmp_path, monkeypatch):
     lines = ['name = "two"']
     for kind, place in (("covert", "[0, 0, 0]"), ("body_contour", "[0, 0, 0.001]")):

@@ -57,24 +57,27 @@ class PatchErrors(NamedTuple):
 
 def add_contact_error(shot: Shot, report: Mapping[str, Any]) -> dict[str, Any]:
     """Add errors of feathers that push each other to the report of a shot (report_errors), where an
-    error is asked for and any do."""
+    error is asked for; or why there are none."""
     promised = shot.quality.promised
     if shot.contact is None or promised is None:
         return {**report}
+    if report.get("contact", {}).get("feathers_whose_contacts_yielded"):
+        # they keep no error, and finer steps are yet harder to solve
+        return {**report, "error_not_promised": "contacts were left out that could not be solved"}
     arrays = kept(
         "contact-errors", [digest(shot_settings(shot))], lambda: _measured(shot)._asdict()
     )
     found = PatchErrors(**arrays)
     numbers, errors, unique = (each.tolist() for each in found)
     if not numbers:
-        return {**report}
+        return {**report, "error_not_promised": "no two feathers on one grid push each other"}
     known = [(error if own else math.inf, own) for error, own in zip(errors, unique, strict=True)]
-    told = report_errors(shot, promised, dict(zip(numbers, known, strict=True)))
+    told = {**report, **report_errors(shot, promised, dict(zip(numbers, known, strict=True)))}
     before, after = report["undefined"], told["undefined"]
     told["undefined"] = {
         kind: sorted({*before.get(kind, ()), *after.get(kind, ())}) for kind in {**before, **after}
     }
-    return {key: each for key, each in {**report, **told}.items() if key != "error_not_promised"}
+    return {key: each for key, each in told.items() if key != "error_not_promised"}
 
 
 def nearest_pushing(shot: Shot, options: Sequence[FeatherOptions], centre: int) -> Indices:
