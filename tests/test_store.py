@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ from featherfx.errors import InputError
 from featherfx.files import disk_cache
 from featherfx.files.content import digest
 from featherfx.files.disk_cache import Aside, kept
+from featherfx.shot.loop.run import ShotRun
+from featherfx.shot.read.read import read_shot
 
 ROOT = Path(disk_cache.__file__).parents[2]
 
@@ -178,3 +181,20 @@ def test_digests_tell_values_apart():
     assert digest({"a": 1, "b": 2}) == digest({"b": 2, "a": 1})
     with pytest.raises(TypeError, match="has no digest"):
         digest(object())
+
+
+def test_what_follows_from_a_shot_is_found_again_where_its_settings_are_told(folder):
+    shot, calls = read_shot(ROOT / "samples/feather_pull/shot.toml"), []
+
+    def values(shot, value):
+        run = ShotRun(shot, 1, 1, None)
+        return run.kept("trial", [], counted(calls, value))["values"][0]
+
+    assert [values(shot, 1.0), values(shot, 2.0)] == [1.0, 2.0]  # nobody has told them
+    assert shot.settings["last_frame"]
+    assert [values(shot, 3.0), values(shot, 4.0)] == [3.0, 3.0]
+    other = replace(shot, last_frame=shot.last_frame + 1)
+    assert values(other, 5.0) == 5.0
+    assert other.settings["last_frame"]
+    assert values(other, 6.0) == 6.0
+    assert len(calls) == 5

@@ -21,7 +21,6 @@ from featherfx.errors import InputError, Problem, all_of, as_figure, warn_input
 from featherfx.files.content import program_digest
 from featherfx.groom.read.read import SCENE_SUFFIXES
 from featherfx.groom.types import Groom
-from featherfx.shot.fingerprint import shot_settings
 from featherfx.shot.loop.placement import place_feathers
 from featherfx.shot.types import Shot
 from featherfx.usd.installed import refuse_unfit_usd
@@ -249,7 +248,7 @@ def _settings(shot: Shot, frames: tuple[int, int], options: BakeOptions) -> dict
         **{name: json.dumps(getattr(options, name)) for name in sorted(written)},
         "render grid": "{} x {}".format(*options.grid(shot.quality)),
         "barbs": f"{options.barbs or 0} with {options.barbules or 0} barbules",
-        **{f"shot.{key}": text for key, text in shot_settings(shot).items()},
+        **{f"shot.{key}": text for key, text in shot.settings.items()},
     }
 
 

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from featherfx.files.content import DIGITS, digest, members
-from featherfx.shot.types import Shot
 
 _LONGEST = 72
 # members that say where values came from
@@ -25,7 +24,7 @@ _SOURCES = frozenset({"document", "inputs"})
 _FEW = 4
 
 
-def shot_settings(shot: Shot) -> dict[str, str]:
+def shot_settings(shot: Any) -> dict[str, str]:
     """Everything of a shot and its groom that its simulation depends on."""
     found: dict[str, str] = {}
     for name, value in members(shot):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -17,6 +18,7 @@ from featherfx.groom.keys.values import ArrayOf, Default, Number, Text, vector
 from featherfx.groom.types import Groom
 from featherfx.limits import MAX_CLUMPS
 from featherfx.shot.clock import MAX_RATE, MIN_RATE, NO_CUTS, FrameCuts
+from featherfx.shot.fingerprint import shot_settings
 from featherfx.shot.roots import NO_RUN_UP, RunUp
 
 if TYPE_CHECKING:
@@ -552,6 +554,11 @@ class Shot(ByValue, Documented):
         document = self.written_document().with_tables({"quality": quality})
         chosen = read_quality(quality, document.preset_folders)
         return replace(self, quality=chosen).documented(document)
+
+    @cached_property
+    def settings(self) -> dict[str, str]:
+        """Everything that its simulation depends on, by key; takes as long as a frame."""
+        return shot_settings(self)
 
     @property
     def has_coat_on_skin(self) -> bool:

@@ -182,8 +182,8 @@ def test_feathers_bridge_a_crease_without_a_jump():
     """Where the skin folds beneath them images fold, too, and what is drawn along them jumps."""
     parts, times = plumage(folded), np.linspace(0.0, 1.0, 49)
     assert jumps(parts, times).max() > 0.1
-    assert not parts[2].bridge([0.0]).any()
-    shares = parts[2].bridge(times[::4])
+    assert not parts[2].find_bridges([0.0]).any()
+    shares = parts[2].shares = parts[2].find_bridges(times[::4])
     assert shares.max() == 1.0
     assert jumps(parts, times).max() < 0.1
     far = np.array([not -0.3 < each.position[0] < 0.05 for each in parts[0]])

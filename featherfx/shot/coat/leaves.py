@@ -134,8 +134,8 @@ class MovingCoat:
         self._order[bent] = np.arange(len(bent))
         self._still = rest.at(np.arange(0))
         self._shafts, self._ups = rest.nodes[bent, :, 0], rest.directors[bent, :, 1]
-        self._rest, self._shares = rest, np.zeros(len(numbers))
-        self._straight = straight = self._lay(self._shares)
+        self._rest, self.shares = rest, np.zeros(len(numbers))
+        self._straight = straight = self._lay(self.shares)
         self._turned = np.zeros(0), straight
         grid, count = rest.nodes.shape[:3], rest.nodes[0, ..., 0].size
         places = np.sqrt(straight.places[:, 4, :count]).reshape(grid)
@@ -170,16 +170,16 @@ class MovingCoat:
         kernels.find_offsets(arrays, leaves, nodes, 0, len(numbers))
         still = VaneMotion(*self._still, np.full(len(numbers), -1), 0.0 * turns, self._lain)
         roots = np.zeros((len(numbers), 3)), np.tile(np.eye(3), (len(numbers), 1, 1))
-        carried = CarriedShapes(lain.nodes, lain.directors, self._shares, *roots)
+        carried = CarriedShapes(lain.nodes, lain.directors, self.shares, *roots)
         drawn = self._draw(arrays, leaves, carried, still)
         side, normal = drawn.directors.swapaxes(0, 2).swapaxes(1, 2)
         axes = np.stack([np.cross(side, normal), side, normal], axis=-2)
         return leaves._replace(directors=lain.directors @ axes.swapaxes(-1, -2))
 
-    def bridge(self, times: Sequence[float]) -> Array:
-        """Let feathers bridge what folds at any of some times (s).
+    def find_bridges(self, times: Sequence[float]) -> Array:
+        """Find how far feathers have to bridge what folds at any of some times (s).
 
-        Returns (K,) shares of the way to where the roots alone carry them.
+        Returns (K,) shares of the way to where the roots alone carry them, to be `shares`.
         """
         mesh, folds = self._coat.mesh, np.zeros((len(self._numbers), 2))
         self._find_folds(self._coat.rest, folds)
@@ -188,8 +188,7 @@ class MovingCoat:
             self._find_folds(pose_carrier(mesh, self._skin.at(time)), folds)
         fold = np.maximum(folds[:, 0], folds[:, 1] - upright)
         share = np.clip((fold - _FOLDING) / (_FOLDED - _FOLDING), 0.0, 1.0)
-        self._shares = share * share * (3.0 - 2.0 * share)
-        return self._shares
+        return np.asarray(share * share * (3.0 - 2.0 * share))
 
     def _find_folds(self, carrier: Carrier, folds: Array) -> None:
         """Raise (K, 2) folds to those over a carrier."""
@@ -242,7 +241,7 @@ class MovingCoat:
             lift = self._lift(each)
             arrays = self._coat.arrays(self._part(carrier, lift[:, 1]), lift)
             turns, motion = self._motion(each)
-            carried = CarriedShapes(*self._rest, self._shares, *each.roots)
+            carried = CarriedShapes(*self._rest, self.shares, *each.roots)
             drawn.append(self._draw(arrays, self._on_leaves(turns), carried, motion))
         now, first = drawn[0], both(lambda x: np.broadcast_to(np.nan, x.shape), drawn[0])
         second = first

@@ -87,7 +87,11 @@ class CoatStage(Stage):
         shot = self.run.shot
         first, last = shot.first_frame, shot.last_frame
         frames = [*range(first, last, _FRAMES_PER_LOOK), last]
-        shares = coat.bridge([(each - first) / shot.frames_per_second for each in frames])
+        times = [(each - first) / shot.frames_per_second for each in frames]
+        found = self.run.kept(
+            "folds", [self._members], lambda: {"shares": coat.find_bridges(times)}
+        )
+        coat.shares = shares = found["shares"]
         shares = np.where(np.isin(self._members, self.run.wanted), shares, 0.0)
         wholly = np.flatnonzero(shares == 1.0)
         if len(wholly):

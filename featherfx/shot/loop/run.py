@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from featherfx.algebra.types import Indices
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import Feather
+from featherfx.files.disk_cache import kept
 from featherfx.mechanics.batch import barb_course, has_elastic_clamp
 from featherfx.mechanics.model import Loads
 from featherfx.packages import brought, load_name
 from featherfx.phases import counted
+from featherfx.shot.fingerprint import settings_digest
 from featherfx.shot.frames import FeatherPose, sample_number
 from featherfx.shot.loads.loads import force_weights, frame_loads
 from featherfx.shot.loop.counts import Bounds
@@ -99,6 +101,9 @@ class ShotRun:
         motion: Roots | None = None,
     ) -> None:
         self.subframes, self.jobs = subframes, jobs
+        self._settings = ""
+        if begin is None and motion is None and "settings" in vars(shot):
+            self._settings = settings_digest(shot.settings)
         shot = prepare_cuts(shot)
         self.shot, self.motion, self.first = shot, motion or root_motion(shot), begin or 0
         if begin is None:
@@ -118,7 +123,14 @@ class ShotRun:
     @cached_property
     def options(self) -> ShotOptions:
         """Simulation options of all feathers."""
-        return resolve_options(self.shot, self.drawn, self.motion)
+        return resolve_options(self.shot, self.drawn, self.motion, keep=self.kept)
+
+    def kept(self, what: str, inputs: Sequence[Any], compute: Callable[[], Arrays]) -> Arrays:
+        """Arrays that follow from the whole shot, as featherfx.files.disk_cache.kept gives them;
+        computed where nobody has told the settings of the shot yet."""
+        if not self._settings:
+            return compute()
+        return kept(what, [self._settings, *inputs], compute)
 
     def pose_also(self, feathers: Indices) -> None:
         """Pose some feathers, by number, whether they are wanted or not: what is simulated of them

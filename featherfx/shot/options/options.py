@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -32,6 +32,7 @@ from featherfx.mechanics.resolution import GRID_SCALE, coefficients_for, rows_fo
 from featherfx.packages import brought, load_name
 from featherfx.shot.options.load_estimate import (
     Deflection,
+    LoadEstimate,
     estimate_deflections,
     estimate_loads,
     vane_pressure,
@@ -164,11 +165,16 @@ class ShotOptions:
 
 
 def resolve_options(
-    shot: Shot, feathers: Sequence[Feather], motion: Roots, until: float = math.inf
+    shot: Shot,
+    feathers: Sequence[Feather],
+    motion: Roots,
+    until: float = math.inf,
+    keep: Callable[..., Any] = lambda what, inputs, compute: compute(),
 ) -> ShotOptions:
     """Resolve how every feather of a shot is simulated.
 
     feathers: as the meshes have them. until: s of CPU time of this process when measuring ends.
+    keep: as ShotRun.kept.
     Raises InputError for feathers that are not simulated but pulled, or that lack guides.
     """
     quality, placements = simulation_quality(shot), shot.groom.feathers
@@ -180,8 +186,9 @@ def resolve_options(
     is_measured = True
     if quality.promised is not None or CHOSEN in (quality.coefficients, quality.simulated_rows):
         solved = [f for f, (level, _) in enumerate(levels) if level not in UNSOLVED_LEVELS]
-        looked_at = range(len(feathers)) if quality.promised is None else solved
-        loads = estimate_loads(shot, motion, looked_at)
+        looked_at = [*range(len(feathers))] if quality.promised is None else solved
+        found = keep("loads", looked_at, lambda: estimate_loads(shot, motion, looked_at)._asdict())
+        loads = LoadEstimate(**found)
         deflections = estimate_deflections(shot, feathers, loads, frozenset(looked_at))
         if quality.promised is not None:
             measure = load_name("loop.calibration:measure_grids")
