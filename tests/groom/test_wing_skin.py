@@ -139,6 +139,12 @@ def test_the_coat_of_the_body_leaves_wings_to_their_rows_and_small_coverts(groom
     assert np.max(behind) < 0.12
 
 
+def test_small_coverts_lie_outwards_over_the_front(groom):
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        own = [f for f in groom.feathers if f.region == f"{side}_wing_lesser_covert_1"]
+        assert np.mean([sign * f.rotation[0, 0] > 0.2 for f in own]) > 0.9
+
+
 def test_a_body_without_wings_has_those_of_its_type(tmp_path):
     bird = groom_of(tmp_path, wings=())
     assert {"alula", "lesser_covert_1s"} <= {f.region for f in bird.feathers}

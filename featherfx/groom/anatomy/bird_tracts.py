@@ -30,7 +30,11 @@ _BORDERS = {"crural": 0.1}  # where legs are bare below, no single feathers
 _LEG = ("thigh", "crural")
 _CRURAL = 0.45, 0.5  # of length and relative density on the thigh, those of thin legs; by eye
 _SIDEWAYS = 55.0  # deg from upwards, beyond which skin bears no scapulars
-_OVER_EDGE = -1.0, 0.0, 1.0  # forward, left and up, of small coverts over a wing's front; by eye
+_OVER_EDGE = (
+    -1.0,
+    1.2,
+    1.0,
+)  # forward, outwards and up, of small coverts over a wing's front; by eye
 _NAPE = 0.4  # of the way to the shoulders, from the lowest site of the nape to the mantle's first
 _HORN, _FACE = -0.2, 0.2  # sites on either side of where the bill ends, of the way to the crown
 _CHEEK = 0.5  # of the way from the middle of both eyes to the nape
@@ -82,12 +86,12 @@ def find_tracts(
             region["where"] += feathered + disc.outside + off_wings
             region["where"] += above if name == "scapular" else ()
             if off_wings and name not in _LEG:  # a current would turn back on wings
-                back = tuple(points["tail"] - points["beak"])
-                region["flow"] = filled(FLOW_KEYS, direction=back)
+                region["flow"] = filled(FLOW_KEYS, away=tuple(points["beak"]))
             yield f"tracts.{name}", region
     if off_wings and cover.rows:
         for each in cover.wings:
-            yield "wing", _wing_coat(cover.rows[0].name, small, scale, each, axes @ _OVER_EDGE)
+            over = np.array(_OVER_EDGE) * (1.0, 1.0 if each["side"] == "left" else -1.0, 1.0)
+            yield "wing", _wing_coat(cover.rows[0].name, small, scale, each, axes @ over)
 
 
 def _off_wing(skin: WingSkin) -> dict[str, Any]:
