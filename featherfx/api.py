@@ -195,7 +195,7 @@ def scene_readers(note: Callable[[Path], object] = lambda path: None) -> SceneRe
         attribute=reader("scenes", "open_attribute", itself),
         camera=reader("scenes", "open_camera", itself),
         poses=reader("scenes", "read_poses", itself),
-        instances=reader("instances", "read_instances", itself),
+        instances=reader("scenes", "read_instances", itself),
         file=_located,
     )
 
