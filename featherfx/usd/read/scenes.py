@@ -1,4 +1,4 @@
-"""Inputs of shots in USD stages: meshes by path, name or collection, poses, winds, cameras, flocks."""
+"""Inputs of shots in USD: meshes by path, name or collection, poses, winds, cameras, flocks."""
 
 from __future__ import annotations
 
