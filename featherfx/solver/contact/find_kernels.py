@@ -338,9 +338,10 @@ def _spare_crossed(touch, low, high, search):
         begin = guest_place(
             search.bodies.start[contact.guest], contact.row, contact.point, contact.fraction
         )
-        along, _ = _along(search.bodies.start[contact.host], begin, contact)
-        depth = contact.thickness - contact.side * along
-        contact.spared = max(contact.spared, depth)
+        along, beside = _along(search.bodies.start[contact.host], begin, contact)
+        # beside a triangle its plane tells no depth
+        if _is_over(along, beside, contact.thickness):
+            contact.spared = max(contact.spared, contact.thickness - contact.side * along)
 
 
 @kernel
