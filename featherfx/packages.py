@@ -21,7 +21,7 @@ class Package(NamedTuple):
     levels: what changes levels of detail (shot/detail/guides.py). roots: what changes the motion of
     roots, (shot, Roots) -> Roots. dependences: what the motion of each feather depends on, (shot,
     Roots) -> values, None for none; spreads: the same of what it shares with others, (shot,
-    ShotOptions, texts) -> texts (shot/partition/partition.py).
+    ShotOptions, texts) -> texts (shot/partition/dependence.py).
     """
 
     name: str

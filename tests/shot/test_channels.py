@@ -12,7 +12,7 @@ from featherfx.errors import InputError, InputWarning
 from featherfx.shot.direction.channels import courses
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.partition.partition import motion_dependences
+from featherfx.shot.partition.dependence import motion_dependences
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.types import CHANNELS, Channel, Detail
 

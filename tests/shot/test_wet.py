@@ -23,7 +23,7 @@ from featherfx.render.options import PictureOptions
 from featherfx.render.subject import open_subject
 from featherfx.shot.hooks.wet import Water, clumping
 from featherfx.shot.loop.simulate import simulate
-from featherfx.shot.partition.partition import motion_dependences
+from featherfx.shot.partition.dependence import motion_dependences
 from featherfx.shot.patterns import last_fitting
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.types import Wet

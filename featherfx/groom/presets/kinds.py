@@ -20,8 +20,8 @@ from featherfx.groom.materials import (
     RachisMaterial,
     VaneMaterial,
 )
+from featherfx.groom.presets.flat_vane import barbs_cross, crossing_segments
 from featherfx.groom.presets.library import Sourced, Tree, plain
-from featherfx.groom.presets.lines import barbs_cross, crossing_segments
 from featherfx.groom.presets.scaling import change_materials
 from featherfx.groom.types import (
     BARB_ANGLE,

@@ -23,7 +23,7 @@ from featherfx.groom.types import Groom
 from featherfx.packages import load_name
 from featherfx.shot.motion.beat import beats_in_time
 from featherfx.shot.motion.body_joints import BODY_JOINTS
-from featherfx.shot.read.scenes import check_rate
+from featherfx.shot.read.clocks import check_rate
 from featherfx.shot.sources import MovingSurface
 from featherfx.shot.types import Motion
 

@@ -24,6 +24,7 @@ from featherfx.groom.read.toml_text import told
 from featherfx.groom.types import Groom
 from featherfx.shot.motion.body_joints import with_body_joints
 from featherfx.shot.patterns import fits
+from featherfx.shot.read.clocks import DEFAULT_RATE, ClockReader
 from featherfx.shot.read.keys import SHOT_FILE
 from featherfx.shot.read.motion import (
     check_driven,
@@ -32,7 +33,6 @@ from featherfx.shot.read.motion import (
     warn_of_aliases,
     warn_of_length,
 )
-from featherfx.shot.read.scenes import DEFAULT_RATE, ClockReader
 from featherfx.shot.types import (
     CHANNELS,
     Channel,
