@@ -18,7 +18,7 @@ import numpy as np
 
 from featherfx.algebra.interpolation import faded
 from featherfx.algebra.surface_elements import factorise, make_elements, make_stiffness, weld
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import unit
 from featherfx.errors import all_of, warn_input
 from featherfx.files.disk_cache import kept
@@ -145,14 +145,16 @@ class Presence:
             found[left] *= bound(self.surface, left)
         return found
 
-    def distances(self, share: float = 0.0) -> Array:
-        """(T,) m, from triangles to where it may be above a share, at least; 0 there, inf
-        without."""
+    def reached(self, reach: float, share: float = 0.0) -> Flags:
+        """(T,) triangles no farther than a reach, m, from where it may be above a share."""
         (middles, radii), own = self.surface.spheres, self._most > share
         if own.all() or not own.any():
-            return np.where(own, 0.0, np.inf)
-        found, _ = search_tree(middles[own]).query(middles)
-        return np.where(own, 0.0, np.maximum(found - radii - radii[own].max(), 0.0))
+            return own
+        most = reach + radii[own].max()
+        found, _ = search_tree(middles[own]).query(
+            middles, distance_upper_bound=np.nextafter(most + radii.max(), np.inf)
+        )
+        return np.asarray(own | (found <= most + radii))
 
 
 @dataclass(frozen=True)

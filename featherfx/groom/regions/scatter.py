@@ -129,7 +129,7 @@ def _candidates(
 
     surface, domain = presence.surface, presence.surface.domain
     # what is farther from the region crowds none within it
-    wanted = presence.distances(share) <= np.sqrt(_SATURATED * _CANDIDATES_PER_POINT / many)
+    wanted = presence.reached(np.sqrt(_SATURATED * _CANDIDATES_PER_POINT / many), share)
     word = int(hashed(seed, 0, np.array([octave - _FIRST_OCTAVE])).astype(np.int64)[0])
     room, found = 64 + int(4.0 * domain.area * many), -1
     while found < 0 or found > room:
