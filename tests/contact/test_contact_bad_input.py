@@ -101,8 +101,8 @@ def test_fifty_that_a_plate_presses_and_two_in_one_place_are_solved(tmp_path, mo
     stage.SetTimeCodesPerSecond(24)
     stage.GetRootLayer().Save()
     feathers = {f"f{k}": (0.0, k * STEP) for k in range(50)} | {"a": (1.0, 0.0), "b": (1.0, 0.0)}
-    stiff = "[overrides]\nf0 = { stiffness = 1000 }\nf1 = { stiffness = 0.001 }\n"
-    write(tmp_path, feathers, more=PLATE + stiff)
+    stiff = [f"f{k} = {{ stiffness = {each} }}\n" for k, each in enumerate((1000, 0.001, 0.1))]
+    write(tmp_path, feathers, more=PLATE + "[overrides]\n" + "".join(stiff))
     with pytest.warns(InputWarning, match="settle: feather"):
         report = bake(tmp_path / "s.toml", tmp_path / "s.usdc")
     _, failed, *_ = (k for k, (length, solved) in enumerate(asked) if solved < length)
