@@ -151,9 +151,8 @@ def _candidates(
     first = np.flatnonzero((np.diff(line, prepend=-1) != 0) | (np.diff(up, prepend=-1) != 0))
     rank = np.arange(found) - np.repeat(first, np.diff(first, append=found))
     own = wanted[triangle]
-    triangle, barycentric, line, up, rank, along = (
-        each[own] for each in (triangle, barycentric, line, up, rank, along[order])
-    )
+    triangle, line, up, rank = (each[own] for each in (triangle, line, up, rank))
+    barycentric, along = barycentric[own], along[order][own]
     words = hashed(seed, 1, line) + (2 * rank + up).astype(np.uint64)
     number = (hashed(0, 2, words.astype(np.int64)) >> np.uint64(64 - _NUMBER_BITS)).astype(np.int64)
     # of crossings per area, |n| along each axis, as many again are kept: |n|^2 add up to 1
