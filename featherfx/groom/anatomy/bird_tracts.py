@@ -30,11 +30,8 @@ _BORDERS = {"crural": 0.1}  # where legs are bare below, no single feathers
 _LEG = ("thigh", "crural")
 _CRURAL = 0.45, 0.5  # of length and relative density on the thigh, those of thin legs; by eye
 _SIDEWAYS = 55.0  # deg from upwards, beyond which skin bears no scapulars
-_OVER_EDGE = (
-    -1.0,
-    1.2,
-    1.0,
-)  # forward, outwards and up, of small coverts over a wing's front; by eye
+# forward, outwards and up, of small coverts over a wing's front; by eye
+_OVER_EDGE = -1.0, 1.2, 1.0
 _NAPE = 0.4  # of the way to the shoulders, from the lowest site of the nape to the mantle's first
 _HORN, _FACE = -0.2, 0.2  # sites on either side of where the bill ends, of the way to the crown
 _CHEEK = 0.5  # of the way from the middle of both eyes to the nape

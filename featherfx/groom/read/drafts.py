@@ -304,8 +304,8 @@ def variant_number(name: str, variants: int) -> int:
     return int.from_bytes(digest, "little") % variants
 
 
-_STEPS = 64  # of a painted colour
-_MIXED = ("base", *PIGMENTS)
+_STEPS = 64  # of a painted colour, and of shares by ids
+_MIXED = ("base", "film", *PIGMENTS)
 
 
 def shaded(
@@ -316,15 +316,17 @@ def shaded(
     colours: overrides by patterns of ids, of which the colours of other regions are found as their
     own feathers would have them.
     """
-    numbers: dict[tuple[tuple[str, float], ...], int] = {}
+    numbers: dict[tuple[tuple[tuple[str, float], ...], float | None], int] = {}
     shades = {draft.region: _shade(colours, draft.id) for draft in drafts}
     result = []
     for draft in drafts:
-        mixed = any(region != draft.region for region, _ in draft.mixture)
-        if mixed and draft.mixture not in numbers:
-            numbers[draft.mixture] = store.shade(_mean(shades, draft.mixture), place)
-        if mixed:
-            changes = (*draft.choice.changes, numbers[draft.mixture])
+        if any(region != draft.region for region, _ in draft.mixture):
+            film = _film(shades, draft)
+            key = draft.mixture, film
+            if key not in numbers:
+                mean = _mean(shades, draft.mixture)
+                numbers[key] = store.shade(mean if film is None else mean | {"film": film}, place)
+            changes = (*draft.choice.changes, numbers[key])
             draft = replace(draft, choice=replace(draft.choice, changes=changes))
         result.append(draft)
     return result
@@ -346,6 +348,20 @@ def painted(drafts: list[Draft], place: Place, store: KindStore) -> list[Draft]:
     return result
 
 
+def _film(shades: Mapping[str, dict[str, Any]], draft: Draft) -> float | None:
+    """m, thickness of a feather's film between regions: their mean; where some have none, that of
+    one of them, by the feather's id, as thinner films have other colours. None where none has one.
+    """
+    films = [(shades.get(region, {}).get("film", 0.0), part) for region, part in draft.mixture]
+    if not any(film for film, _ in films):
+        return None
+    if all(film for film, _ in films):
+        return round(sum(film * part for film, part in films), 10)
+    chosen = variant_number(draft.id, _STEPS) / _STEPS
+    before = np.cumsum([part for _, part in films])
+    return float(films[int(np.searchsorted(before[:-1], chosen, side="right"))][0])
+
+
 def _mean(
     shades: Mapping[str, dict[str, Any]], mixture: tuple[tuple[str, float], ...]
 ) -> dict[str, Any]:
@@ -363,7 +379,7 @@ def _mean(
 
 
 def _shade(colours: Mapping[str, dict[str, Any]], name: str) -> dict[str, Any]:
-    """Base colour and pigments of a feather by its id."""
+    """Base colour, film and pigments of a feather by its id."""
     found: dict[str, Any] = {}
     for pattern, change in colours.items():
         if fnmatch.fnmatchcase(name, pattern):

@@ -53,7 +53,9 @@ from featherfx.groom.skin.points import SkinSource, SkinSurface, SurfacePoints
 from featherfx.phases import phase
 
 _PLACES = "triangle", "barycentric", "position", "normal"
-_STEPS = 2  # between one region's colour and another's
+# between one region's colour and another's, and the width over which they pass, over that of other
+# things: by eye, as on a pigeon's neck
+_STEPS, _COLOUR_WIDTH = 4, 3.0
 _MIN_FIT = 0.4  # of a feather's length, left where there is no room; by coverage of creases
 
 
@@ -66,6 +68,7 @@ class _Region:
     surface: SkinSurface
     kinds: RegionKinds
     presence: Presence
+    tint: Presence
     flow: Rule
     space: Space
     colours: Rule | None
@@ -291,7 +294,9 @@ def _region(
             f"{length:g} m is longer than the whole skin {surface.source.path}, "
             f"{surface.diagonal:.3g} m. Are its units right?"
         )
-    return _Region(entry, place, surface, kinds, where, along, skin.space, colours)
+    wide = tuple(each | {"soft": _COLOUR_WIDTH * each["soft"]} for each in entry["where"])
+    tint = presence(wide, skin, place.child("where"))
+    return _Region(entry, place, surface, kinds, where, tint, along, skin.space, colours)
 
 
 def _check_number(entry: dict[str, Any], place: Place) -> None:
@@ -448,12 +453,13 @@ def _blended(
     own: (N,) kinds of the region's feathers, which keep their own length within it.
     """
     members = [r for r in others if r.entry["blend"]] if region.entry["blend"] else [region]
-    weights = []
+    weights, tints = [], []
     result = {name: np.zeros(len(points)) for name in ("length", "width", "curl", "tilt")}
     along = np.zeros((len(points), 3))
     for each in members:
         weight = each.presence(points)
         weights.append(weight)
+        tints.append(each.tint(points))
         for name, value in result.items():
             value += weight * (each.length(points) if name == "length" else each.entry[name])
         along += weight[:, None] * each.flow(points)
@@ -463,7 +469,7 @@ def _blended(
         # a mean over its kinds that each feather departs from by its own kind
         result["length"] *= region.kinds.lengths[own] / region.length(points)
     names = [each.entry["id"] for each in members]
-    return result | {"flow": along, "mixtures": _mixtures(names, np.stack(weights, axis=1))}
+    return result | {"flow": along, "mixtures": _mixtures(names, np.stack(tints, axis=1))}
 
 
 def _mixtures(names: Sequence[str], weights: Array) -> list[tuple[tuple[str, float], ...]]:
