@@ -201,7 +201,8 @@ def test_colours_pass_into_each_other_where_parts_do(bird):
     assert films.most_common(1)[0][0] == 5.1e-7
     # towards parts that have a film its thickness is between both, towards others a feather has it
     # or not: thinner ones would have other colours
-    assert 0.0 in films and any(4.25e-7 < film < 5.1e-7 for film in films)
+    assert 0.0 in films
+    assert any(4.25e-7 < film < 5.1e-7 for film in films)
     assert all(film == 0.0 or 4.25e-7 <= film <= 5.1e-7 for film in films)
     between = pytest.approx(0.5 * (np.array(nape) + crown))
     places = {f.id: f.position for f in bird.feathers}
