@@ -235,7 +235,7 @@ def search_tree(points: Array) -> Any:
     """k-d tree (scipy) of points (N, 3)."""
     from scipy.spatial import cKDTree
 
-    return cKDTree(points)
+    return cKDTree(points, balanced_tree=False)
 
 
 class SizeClass(NamedTuple):
