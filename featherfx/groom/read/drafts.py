@@ -1,10 +1,9 @@
-"""Feathers as written down: single ones and rows, before overrides, variation and kinds.
+"""Feathers as written down: single ones and rows, before overrides, variation and kinds; and their
+colours between regions.
 
-Colours of feathers between parts of a bird: where two pass into each other, so do their colours.
-
-A feather that stands where regions overlap has the mean of their bases and pigments by how much of
-each there is, as it has their mean length; patterns stay those of its own region. A skin that is
-painted has the last word on both.
+A feather that stands where regions overlap has the mean of their bases, films and pigments by how
+much of each there is, as it has their mean length; patterns stay those of its own region. A skin
+that is painted has the last word on both.
 """
 
 from __future__ import annotations

@@ -21,7 +21,14 @@ from featherfx.groom.presets.kind_store import KindStore
 from featherfx.groom.presets.kinds import Change
 from featherfx.groom.presets.library import Library, sourced
 from featherfx.groom.read import drafts as draft_rules
-from featherfx.groom.read.drafts import Draft, draws, other_side, variant_number
+from featherfx.groom.read.drafts import (
+    Draft,
+    draws,
+    other_side,
+    painted,
+    shaded,
+    variant_number,
+)
 from featherfx.groom.read.readers import GroomReaders, cache_skins
 from featherfx.groom.read.space import Space, in_groom
 from featherfx.groom.read.toml_file import file_kind, load_toml
@@ -154,8 +161,6 @@ def groom_of(
         )
     drafts = _overridden(colours, drafts, place.child("bird"), store, dict.fromkeys(colours, True))
     if colours or any(draft.paint for draft in drafts):
-        from featherfx.groom.read.drafts import painted, shaded
-
         drafts = shaded(colours, drafts, place.child("bird"), store) if colours else drafts
         drafts = painted(drafts, place.child("skin").child("colours"), store)
     # feathers that are missing for another mistake may be those that a pattern is for
