@@ -16,8 +16,8 @@ from featherfx._version import __version__
 
 if TYPE_CHECKING:
     from featherfx.api import build, read_groom, read_quality, read_shot, simulate
+    from featherfx.baking.feather_cache import FeatherCache, FeatherTrack, bake, open_cache
     from featherfx.baking.flock import bake_flock
-    from featherfx.baking.open_bake import bake
     from featherfx.baking.pipeline import check, export, export_groom, join, plan, retime, sculpt
     from featherfx.baking.stats import stats
     from featherfx.errors import InputError, InputWarning, SimulationError
@@ -29,12 +29,11 @@ if TYPE_CHECKING:
     from featherfx.shot.loop.simulate import Checkpoint, Simulation
     from featherfx.shot.types import Shot
     from featherfx.usd.read.expand import expand
-    from featherfx.usd.read.feather_cache import FeatherCache, FeatherTrack, open_cache
 
 _HOMES = {
     "api": "build read_groom read_quality read_shot simulate",
+    "baking.feather_cache": "FeatherCache FeatherTrack bake open_cache",
     "baking.flock": "bake_flock",
-    "baking.open_bake": "bake",
     "baking.pipeline": "check export export_groom join plan retime sculpt",
     "baking.stats": "stats",
     "errors": "InputError InputWarning SimulationError",
@@ -46,7 +45,6 @@ _HOMES = {
     "shot.loop.simulate": "Checkpoint Simulation",
     "shot.types": "Shot",
     "usd.read.expand": "expand",
-    "usd.read.feather_cache": "FeatherCache FeatherTrack open_cache",
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names.split()}
 __all__ = [

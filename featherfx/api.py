@@ -205,5 +205,5 @@ def _located(folder: Path, name: str) -> Path:
     path = folder / name
     if path.exists():
         return path
-    found: Path = import_module("featherfx.usd.read.opening").locate_file(folder, name)
+    found: Path = import_module("featherfx.usd.read.values").locate_file(folder, name)
     return found

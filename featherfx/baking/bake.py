@@ -176,9 +176,9 @@ def carry_out(task: BakeTask, notify: Callable[[int, int], None]) -> dict[str, A
 
 def write_bodies(task: BakeTask) -> list[str]:
     """Write the layers of the bodies that a task's act moves, and return their paths."""
-    from featherfx.usd.write import body
+    from featherfx.usd.write import stages
 
-    written = body.write_bodies(
+    written = stages.write_bodies(
         task.bodies, task.shot, task.frames, task.options.subframes, bool(task.options.feathers)
     )
     return [str(each) for each in written]

@@ -20,7 +20,7 @@ from typing import Any
 from featherfx.baking.pipeline import bake, check, export_groom
 from featherfx.errors import InputError
 from featherfx.usd.check.skins import measure_roots
-from featherfx.usd.read.inspect import PrimReport, inspect_stage
+from featherfx.usd.read.contents import PrimReport, inspect_stage
 
 _SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 _MAX_SECONDS = 300.0  # s, of one file

@@ -110,7 +110,7 @@ def _version_of(package: str) -> str | None:
 
 def _usd(problems: list[str]) -> dict[str, Any] | None:
     try:
-        from featherfx.usd.installed import refuse_unfit_usd, usd_version
+        from featherfx.usd.types import refuse_unfit_usd, usd_version
 
         version, folder = usd_version()
         refuse_unfit_usd()

@@ -36,7 +36,7 @@ from featherfx.usd.write.options import BOTH_FORMS, CONDENSED_FORM, CURVES_FORM
 if TYPE_CHECKING:
     from featherfx.feather.colours import FeatherColours
     from featherfx.shot.skin import BoundSkin
-    from featherfx.usd.write.body import Bodies
+    from featherfx.usd.write.stages import Bodies
 
 # bytes of a mesh point and of a barb, measured: while one feather is built, of a feather and of its
 # map from the simulated grid, which feathers of one shape share, and of its poses on their way
@@ -348,9 +348,9 @@ def scenery_of_groom(groom: Groom, path: Path) -> dict[str, Any]:
         return {}
     keys = ("usd", "prim", "rest", "variant_sets", "subdivision")
     name, prim, rest, variants, subdivision = (groom.skin_keys[key] for key in keys)
-    file = usd.opening.locate_file(groom.source.parent, name)
+    file = usd.values.locate_file(groom.source.parent, name)
     place = Place(str(groom.source), "skin.variant_sets", Problems())
-    scene = usd.stage.SourceScene(file, usd.opening.open_stage(file))
+    scene = usd.stage.SourceScene(file, usd.values.open_stage(file))
     scene = usd.stage.choose_variants(scene, variants, place)
     if usd.stage.prim_kind(scene.stage.GetPrimAtPath(prim)) != "mesh":
         return {}

@@ -25,7 +25,7 @@ from featherfx.render.options import find_missing_libraries
 from featherfx.shot.loop.placement import lay_out
 from featherfx.usd.types import choose_origin
 from featherfx.usd.write.cache_writer import CachePlace, CacheWriter
-from featherfx.usd.write.instances import write_instances
+from featherfx.usd.write.forms import write_instances
 from featherfx.usd.write.options import BY_FEATHER, StageOptions, WriteOptions, check_ranges
 from featherfx.usd.write.output import (
     USD_SUFFIXES,

@@ -42,10 +42,10 @@ from featherfx.shot.flock.types import (
 from featherfx.shot.read.flock import read_flock
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.types import OutputError, StageSpace
-from featherfx.usd.write.flock import BirdAsset, Replay, StagedBird, write_flock, write_model
 from featherfx.usd.write.layers import StageInfo
 from featherfx.usd.write.options import AS_ONE
 from featherfx.usd.write.output import check_output, prim_name
+from featherfx.usd.write.stages import BirdAsset, Replay, StagedBird, write_flock, write_model
 
 # grid of feathers that are far, at most; on fewer rows bent shafts are visibly shorter
 _FAR_ROWS, _FAR_COLUMNS = 11, 1

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from featherfx.usd.convert.retime import retime as retime
     from featherfx.usd.convert.rigid import export_rigid as export_rigid
     from featherfx.usd.convert.sculpt import sculpt as sculpt
-    from featherfx.usd.read.inspect import inspect_stage as inspect_stage
+    from featherfx.usd.read.contents import inspect_stage as inspect_stage
 
 _HOMES = {
     "bake": "featherfx.baking.bake",
@@ -47,7 +47,7 @@ _HOMES = {
     "export_groom": "featherfx.baking.export",
     "export_levels": "featherfx.usd.convert.levels",
     "export_rigid": "featherfx.usd.convert.rigid",
-    "inspect_stage": "featherfx.usd.read.inspect",
+    "inspect_stage": "featherfx.usd.read.contents",
     "is_cache": "featherfx.usd.check.check",
     "join": "featherfx.baking.shares",
     "judge_complete_cache": "featherfx.usd.check.check",

@@ -23,8 +23,7 @@ from featherfx.groom.read.read import SCENE_SUFFIXES
 from featherfx.groom.types import Groom
 from featherfx.shot.loop.placement import place_feathers
 from featherfx.shot.types import Shot
-from featherfx.usd.installed import refuse_unfit_usd
-from featherfx.usd.types import choose_origin
+from featherfx.usd.types import choose_origin, refuse_unfit_usd
 from featherfx.usd.write.options import (
     CHUNK_FRAMES,
     CONTACT_CHUNK_FRAMES,
@@ -47,8 +46,8 @@ if TYPE_CHECKING:
     from featherfx.shot.flock.types import FlockShot
     from featherfx.shot.options.options import ShotOptions
     from featherfx.shot.skin import BoundSkin
-    from featherfx.usd.write.body import Bodies
     from featherfx.usd.write.previous_cache import PreviousCache
+    from featherfx.usd.write.stages import Bodies
 
 # of the shortest feather, what single precision may miss of a point
 _MAX_COARSENESS = 1e-3
@@ -135,7 +134,7 @@ def prepare(given: str | Path | Shot, output: str | Path | None, options: BakeOp
     name = str(shot.source)
     bodies: Bodies = {}
     if shot.motion.moves_skin and shot.skin is not None:
-        from featherfx.usd.write.body import check_bodies, list_bodies
+        from featherfx.usd.write.stages import check_bodies, list_bodies
 
         bodies = list_bodies(shot, target if options.feathers else path)
         check_bodies(bodies, options.overwrite or options.resume, options.feathers is not None)
@@ -229,7 +228,7 @@ def in_space(options: Options, groom: Groom, skin: BoundSkin | None) -> Options:
     if skin is not None and skin.parts:
         unit, axis = skin.parts[0].surface.space
     elif groom.source.suffix.lower() in SCENE_SUFFIXES:
-        unit, axis = usd.stage.read_stage_space(usd.opening.open_stage(groom.source))
+        unit, axis = usd.stage.read_stage_space(usd.values.open_stage(groom.source))
     return replace(
         options,
         meters_per_unit=unit if options.meters_per_unit is None else options.meters_per_unit,

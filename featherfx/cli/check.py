@@ -27,7 +27,7 @@ from featherfx.errors import InputError, Problem, some_of
 from featherfx.groom.read.places import located
 
 if TYPE_CHECKING:
-    from featherfx.usd.read.inspect import PrimReport, StageReport
+    from featherfx.usd.read.contents import PrimReport, StageReport
 
 
 @click.command(

@@ -43,7 +43,7 @@ from featherfx.usd.write.poses import make_posed_feathers
 from featherfx.usd.write.unfinished_cache import remove_cache
 
 if TYPE_CHECKING:
-    from featherfx.usd.write.body import Bodies
+    from featherfx.usd.write.stages import Bodies
 
 # of a worker: FROM=TO for paths of the machine that gives the work, with os.pathsep between
 _PATHS_VARIABLE = "FEATHERFX_PATHS"

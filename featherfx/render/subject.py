@@ -38,7 +38,7 @@ from featherfx.render.light_kernels import EYE, SKIN_MATERIAL
 from featherfx.render.options import PictureOptions
 from featherfx.render.vanes import DrawnPlumage, plumage_of
 from featherfx.usd.read.cache import Cache
-from featherfx.usd.read.scenery import SceneryMesh, find_scenery, list_beside, list_meshes
+from featherfx.usd.read.contents import SceneryMesh, find_scenery, list_beside, list_meshes
 
 
 def scenery_colours(mesh: SceneryMesh) -> Array:

@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from featherfx.usd.check import judge as judge
     from featherfx.usd.read import expand as expand
-    from featherfx.usd.read import opening as opening
     from featherfx.usd.read import stage as stage
-    from featherfx.usd.write import condensed as condensed
+    from featherfx.usd.read import values as values
+    from featherfx.usd.write import forms as forms
     from featherfx.usd.write import materials as materials
     from featherfx.usd.write import previous_cache as previous_cache
 
 _MODULES = {
-    "condensed": "write.condensed",  # --as condensed, --as both
+    "forms": "write.forms",  # --as condensed, --as both
     "expand": "read.expand",  # caches of condensed feathers
     "judge": "check.judge",  # caches that are written
-    "opening": "read.opening",  # skins, grooms and scenery of USD files
+    "values": "read.values",  # skins, grooms and scenery of USD files
     "previous_cache": "write.previous_cache",  # --resume, or a cache at the output
     "stage": "read.stage",  # skins, grooms and scenery of USD files
     "materials": "write.materials",  # --textures, and iridescent feathers

@@ -455,6 +455,6 @@ KIND = Kind(
         "featherfx.groom.read.read",
         "featherfx.shot.motion.motion",
         "featherfx.shot.read.read",
-        "featherfx.usd.write.instances",
+        "featherfx.usd.write.forms",
     ),
 )

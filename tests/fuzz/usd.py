@@ -373,6 +373,6 @@ KIND = Kind(
         "featherfx.usd.read.groom",
         "featherfx.usd.read.scenes",
         "featherfx.usd.read.skin",
-        "featherfx.usd.write.instances",
+        "featherfx.usd.write.forms",
     ),
 )

@@ -18,7 +18,7 @@ from featherfx.errors import InputError
 from featherfx.farm.job import Job
 from featherfx.shot.motion.motion import root_motion
 from featherfx.usd.read.cache import Cache
-from featherfx.usd.read.scenery import find_scenery
+from featherfx.usd.read.contents import find_scenery
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from featherfx.errors import InputError
 from featherfx.shot.motion.joint_tracks import find_tracks
 from featherfx.shot.motion.motion import root_motion
 from featherfx.usd.read.cache import Cache
-from featherfx.usd.read.scenery import find_scenery
+from featherfx.usd.read.contents import find_scenery
 
 ON_ARM = """
 [[feather]]

@@ -18,7 +18,8 @@ from featherfx.baking.entries import entries_of
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import RowPoints, both, turned
 from featherfx.usd.check import judge_kernels
-from featherfx.usd.check.bounds import (
+from featherfx.usd.check.judge import judge_cache
+from featherfx.usd.check.tracks import (
     BINS_PER_OCTAVE,
     KERATIN_MODULUS,
     MAX_STRESS,
@@ -26,7 +27,6 @@ from featherfx.usd.check.bounds import (
     OCTAVES,
     list_passed_bounds,
 )
-from featherfx.usd.check.judge import judge_cache
 from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.usd.write.options import WriteOptions
 

@@ -16,8 +16,8 @@ from places import ROOT, SAMPLES
 
 import featherfx
 from featherfx.errors import InputError
-from featherfx.usd import installed
-from featherfx.usd.read.opening import open_stage
+from featherfx.usd import types
+from featherfx.usd.read.values import open_stage
 
 WRITE = """
 import importlib.metadata, sys
@@ -35,9 +35,9 @@ print(pxr.__file__)
 
 @pytest.fixture(autouse=True)
 def asked_anew():
-    installed.refuse_unfit_usd.cache_clear()
+    types.refuse_unfit_usd.cache_clear()
     yield
-    installed.refuse_unfit_usd.cache_clear()
+    types.refuse_unfit_usd.cache_clear()
 
 
 def test_a_python_with_the_pxr_of_a_host_and_without_usd_core_is_enough(tmp_path):
@@ -70,9 +70,9 @@ def test_the_page_names_everything_that_is_needed_but_usd():
 
 @pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="only Linux tells")
 def test_two_libraries_of_usd_in_one_process_are_told(tmp_path, caches):
-    assert len(installed.loaded_libraries()) == 1
+    assert len(types.loaded_libraries()) == 1
     open_stage(caches["usda"])
-    installed.refuse_unfit_usd.cache_clear()
+    types.refuse_unfit_usd.cache_clear()
     second = tmp_path / "libpxr_tf.so"
     second.write_bytes(bytes(mmap.PAGESIZE))
     with (

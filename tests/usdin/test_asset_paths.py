@@ -7,7 +7,7 @@ from pxr import Ar
 
 import featherfx
 from featherfx.errors import InputError
-from featherfx.usd.read.opening import locate_file, open_stage
+from featherfx.usd.read.values import locate_file, open_stage
 
 GROOM = 'name = "g"\n[[feather]]\nid = "a"\nkind = "covert"\nposition = [0, 0, 0]\n'
 SHOT = """

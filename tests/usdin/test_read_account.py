@@ -12,7 +12,7 @@ from usdin_scenes import add_curves, add_mesh, add_skinned, arc, new_stage, shee
 from featherfx.api import read_groom
 from featherfx.cli.main import main
 from featherfx.errors import InputError, InputWarning
-from featherfx.usd.read.inspect import inspect_stage
+from featherfx.usd.read.contents import inspect_stage
 
 LINE = np.linspace([0.0, 0.0, 0.0], [-0.1, 0.0, 0.0], 5) + [
     [0, 0, z] for z in (0, 4e-3, 1e-2, 2e-2, 4e-2)

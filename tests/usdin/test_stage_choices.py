@@ -9,7 +9,7 @@ from featherfx.api import read_groom, read_shot
 from featherfx.baking.export import export_groom
 from featherfx.errors import InputError, InputWarning
 from featherfx.usd.read.cache import Cache
-from featherfx.usd.read.scenery import find_scenery, open_scenery
+from featherfx.usd.read.contents import find_scenery, open_scenery
 
 FEATHER = '[[feather]]\nid = "f"\nkind = "covert"\nposition = [0, 0, 0]\n'
 SHOT = 'name = "s"\ngroom = "groom.toml"\nframes = [1, 2]\n'

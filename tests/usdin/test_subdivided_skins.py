@@ -21,7 +21,7 @@ from featherfx.render.options import PictureOptions
 from featherfx.render.subject import open_subject
 from featherfx.usd.check.measures import MeasuredMeshes
 from featherfx.usd.read.cache import Cache
-from featherfx.usd.read.inspect import inspect_stage
+from featherfx.usd.read.contents import inspect_stage
 from featherfx.usd.read.stage import open_scene
 from featherfx.usd.read.surface import MeshOptions, open_mesh
 

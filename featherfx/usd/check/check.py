@@ -23,7 +23,6 @@ from featherfx.phases import counted
 from featherfx.usd.check.geometry import geometry_problems
 from featherfx.usd.read.curves import CURVE_KINDS
 from featherfx.usd.read.groom import read_feathers
-from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.stage import (
     SourceScene,
     broken_clips,
@@ -42,6 +41,7 @@ from featherfx.usd.read.values import (
     compute,
     describe_error,
     describe_range,
+    open_stage,
     read_array,
     read_sized_array,
     read_targets,

@@ -12,7 +12,6 @@ from pxr import Usd, UsdGeom
 
 from featherfx.errors import InputError
 from featherfx.usd.read.cached_feather import read_members
-from featherfx.usd.read.opening import read_note
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
     EARLIEST_TIME,
@@ -23,6 +22,7 @@ from featherfx.usd.read.values import (
     describe_range,
     list_elements,
     read_array,
+    read_note,
     read_sized_array,
     read_text,
     read_times,

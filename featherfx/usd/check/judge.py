@@ -22,7 +22,8 @@ from featherfx.files.background import count_cores
 from featherfx.jit.compiled import KernelModule
 from featherfx.jit.kernel_calls import Encoded
 from featherfx.phases import phase
-from featherfx.usd.check.bounds import (
+from featherfx.usd.check.tracks import (
+    BARB,
     BINS_PER_OCTAVE,
     KERATIN_DENSITY,
     KERATIN_MODULUS,
@@ -35,12 +36,14 @@ from featherfx.usd.check.bounds import (
     MAX_UNRESOLVED_SPEED,
     MIN_EXPONENT,
     OCTAVES,
+    RACHIS,
     USUAL_THICKNESS,
+    Track,
+    TrackedFeather,
+    find_tracks,
     list_passed_bounds,
 )
-from featherfx.usd.check.tracks import BARB, RACHIS, Track, TrackedFeather, find_tracks
-from featherfx.usd.read.opening import open_stage, read_note, read_scenery
-from featherfx.usd.read.values import usd_errors
+from featherfx.usd.read.values import open_stage, read_note, read_scenery, usd_errors
 
 judge_kernels = KernelModule("featherfx.usd.check.judge_kernels")
 

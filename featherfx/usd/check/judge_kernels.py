@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from featherfx.algebra.vector_kernels import accumulate, add, cross, dot, length, scale, store, sub
 from featherfx.jit.compiled import kernel
-from featherfx.usd.check.bounds import BINS_PER_OCTAVE, MIN_EXPONENT
+from featherfx.usd.check.tracks import BINS_PER_OCTAVE, MIN_EXPONENT
 
 Array = NDArray[np.float64]
 # of the angle between two segments of a rachis, and between two points of a ring, that give axes

@@ -42,9 +42,9 @@ from featherfx.usd.check.judge_kernels import find_nodes
 from featherfx.usd.check.skins import point_normals, sample_triangles
 from featherfx.usd.check.tracks import RACHIS, find_tracks
 from featherfx.usd.read.cache import Cache
-from featherfx.usd.read.opening import open_stage
-from featherfx.usd.read.scenery import find_scenery, open_scenery
+from featherfx.usd.read.contents import find_scenery, open_scenery
 from featherfx.usd.read.stage import to_world_matrix
+from featherfx.usd.read.values import open_stage
 
 _AT_ONCE = 4_000_000  # nodes in boxes around triangles
 _MARGIN = 1e-9  # share of a triangle, by which its rim counts as within

@@ -20,12 +20,11 @@ from pxr import Gf, Usd, UsdGeom, UsdSkel
 from scipy.spatial import cKDTree
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.usd.check.bounds import USUAL_THICKNESS
 from featherfx.usd.check.judge_kernels import find_depths, find_nodes, find_normals
-from featherfx.usd.check.tracks import BARB, Track
-from featherfx.usd.read.opening import read_scenery
-from featherfx.usd.read.scenery import find_scenery
+from featherfx.usd.check.tracks import BARB, USUAL_THICKNESS, Track
+from featherfx.usd.read.contents import find_scenery
 from featherfx.usd.read.stage import read_stage_space, to_world_matrix, transform_points
+from featherfx.usd.read.values import read_scenery
 from featherfx.usd.types import StageSpace
 
 _NEAREST, _RENEWED_AFTER = 8, 16

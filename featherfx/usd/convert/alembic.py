@@ -28,12 +28,12 @@ from featherfx.files.atomic_write import standing, write_all
 from featherfx.phases import counted
 from featherfx.usd.read.cache import Cache, CachedPose
 from featherfx.usd.read.cached_feather import CachedFeather
-from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
     INTEGER_ARRAY,
     NUMBER_ARRAY,
     VECTOR_ARRAY,
+    open_stage,
     read_array,
     read_flattened,
     read_matrix,

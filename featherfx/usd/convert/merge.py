@@ -13,8 +13,7 @@ from featherfx.errors import Problem
 from featherfx.files.atomic_write import standing
 from featherfx.usd.read.cached_feather import has_faces, read_members
 from featherfx.usd.read.mesh_topology import check_points
-from featherfx.usd.read.opening import open_stage
-from featherfx.usd.read.values import compute, fault
+from featherfx.usd.read.values import compute, fault, open_stage
 from featherfx.usd.types import OutputError
 from featherfx.usd.write.layers import author_extents_hint, publish
 from featherfx.usd.write.output import check_output, refuse_inputs

@@ -37,7 +37,7 @@ from featherfx.shot.detail.guided import INSTANT, Chains, Turns, row_frames
 from featherfx.shot.direction.shapes import along_line, why_no_shaft
 from featherfx.usd.arrays import vec3f
 from featherfx.usd.check.measures import find_intersecting
-from featherfx.usd.convert.barb_grid import (
+from featherfx.usd.convert.condensed import (
     MeshRows,
     MovedRows,
     carry_barbs,
@@ -50,9 +50,8 @@ from featherfx.usd.convert.merge import begin_export, copy_layer, flatten_stage,
 from featherfx.usd.convert.rigid import FeatherPrim, extent_of, find_prims
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.cached_feather import read_members
-from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.scenes import read_poses
-from featherfx.usd.read.values import read_text, read_times
+from featherfx.usd.read.values import open_stage, read_text, read_times
 from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, DIAGNOSTICS, HALF_VELOCITIES
 from featherfx.usd.write.layers import SCOPES
 

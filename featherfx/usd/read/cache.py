@@ -29,7 +29,6 @@ from featherfx.usd.read.drawn_meshes import (
     drawn_meshes,
     list_undrawn,
 )
-from featherfx.usd.read.opening import open_stage, read_note, read_scenery
 from featherfx.usd.read.stage import transform_points
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
@@ -38,7 +37,10 @@ from featherfx.usd.read.values import (
     VECTOR_ARRAY,
     ArrayKind,
     describe_time,
+    open_stage,
     read_array,
+    read_note,
+    read_scenery,
     read_times,
     usd_errors,
 )

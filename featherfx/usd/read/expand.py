@@ -1,6 +1,6 @@
 """Meshes and barbs of condensed feathers, at any density.
 
-A condensed feather (featherfx/usd/write/condensed.py) has the nodes that its mesh stands on, all or
+A condensed feather (featherfx/usd/write/forms.py) has the nodes that its mesh stands on, all or
 half of the rows and columns with codes of the others (featherfx/feather/detail.py), and its shape.
 At its own density the mesh is the one that a bake would have written, to single precision, or to
 0.065 % of its length. Other densities, and barbs, are built from the shape. They follow the nodes
@@ -44,9 +44,7 @@ from featherfx.feather.types import (
 from featherfx.groom.looks import BarbLook, colour_of
 from featherfx.groom.types import FeatherKind
 from featherfx.limits import MAX_BARBS, MAX_CLUMPS, MAX_COLUMNS, MAX_ROWS
-from featherfx.usd.installed import refuse_unfit_usd
 from featherfx.usd.read.cached_feather import FeatherMember, read_members
-from featherfx.usd.read.opening import open_stage
 from featherfx.usd.read.stage import transform_points
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
@@ -56,6 +54,7 @@ from featherfx.usd.read.values import (
     ArrayKind,
     describe_time,
     fault,
+    open_stage,
     read_array,
     read_sized_array,
     read_text,
@@ -71,6 +70,7 @@ from featherfx.usd.types import (
     SHAPE_PRIMVAR,
     SHAPE_SIZE_PRIMVAR,
     WET_PRIMVARS,
+    refuse_unfit_usd,
 )
 
 

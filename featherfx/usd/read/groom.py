@@ -20,7 +20,6 @@ from featherfx.groom.read.readers import DrawnFeather
 from featherfx.provenance import LeftOut, StageRead, note_read
 from featherfx.usd.read.curves import CurveElement, PrimvarReader, is_curves, read_prim_curves
 from featherfx.usd.read.drawn_meshes import Instances, find_hidden, instance_matrices, refuse_rings
-from featherfx.usd.read.opening import locate_file
 from featherfx.usd.read.stage import (
     SourceScene,
     check_transforms,
@@ -37,6 +36,7 @@ from featherfx.usd.read.values import (
     INTEGER_ARRAY,
     compute,
     errors_at,
+    locate_file,
     read_array,
     read_inverse,
     read_matrix,

@@ -17,7 +17,6 @@ from featherfx.groom.skin.points import skin_doubts
 from featherfx.provenance import StageRead, note_read
 from featherfx.usd.read.curves import is_curves, read_prim_curves
 from featherfx.usd.read.mesh_topology import read_primvar
-from featherfx.usd.read.opening import locate_file
 from featherfx.usd.read.ribbons import open_carrier
 from featherfx.usd.read.skinning import find_joint_points
 from featherfx.usd.read.stage import (
@@ -39,6 +38,7 @@ from featherfx.usd.read.values import (
     NUMBER_ARRAY,
     VECTOR_ARRAY,
     errors_at,
+    locate_file,
     read_array,
     read_sized_array,
     read_texts,

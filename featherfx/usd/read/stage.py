@@ -18,7 +18,6 @@ from featherfx.algebra.types import Array
 from featherfx.errors import InputError, some_of, warn_input
 from featherfx.groom.keys.problems import Place, Problems, closest
 from featherfx.provenance import LeftOut
-from featherfx.usd.read.opening import locate_package, open_stage
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
     EARLIEST_TIME,
@@ -27,6 +26,8 @@ from featherfx.usd.read.values import (
     describe_error,
     describe_time,
     list_transforms,
+    locate_package,
+    open_stage,
     read_matrix,
     read_times,
     read_value,

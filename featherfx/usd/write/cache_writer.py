@@ -16,8 +16,14 @@ from featherfx.files.background import Background
 from featherfx.limits import describe_large_output
 from featherfx.phases import phase
 from featherfx.shot.frames import Frame, sample_number
-from featherfx.usd.installed import refuse_unfit_usd
-from featherfx.usd.types import ACCELERATIONS, DIAGNOSTICS, FeatherEntry, OutputError, StageSpace
+from featherfx.usd.types import (
+    ACCELERATIONS,
+    DIAGNOSTICS,
+    FeatherEntry,
+    OutputError,
+    StageSpace,
+    refuse_unfit_usd,
+)
 from featherfx.usd.write.chunks import AnimatedPrims, ChunkWriter, WrittenChunk, assemble_cache
 from featherfx.usd.write.define import define_prims
 from featherfx.usd.write.layers import StageInfo, new_layers

@@ -124,7 +124,7 @@ def define_prims(
             ups = _dorsal_axes(info, own)
             define_rachises(stage, at[RACHIS_PRIM], group, own, rest[RACHIS_PRIM], ups, materials)
             if group.is_condensed:
-                usd.condensed.define_condensed(stage, info, at[RACHIS_PRIM], group, own, rest)
+                usd.forms.define_condensed(stage, info, at[RACHIS_PRIM], group, own, rest)
         if BARB_PRIM in at:
             define_barbs(stage, at[BARB_PRIM], group, own, rest[BARB_PRIM], materials)
     del stage  # layers alone take copies much faster
@@ -170,7 +170,7 @@ def _copy_feather(
         replace_primvars(layer, target[RACHIS_PRIM], chart=chart_primvar([entry]))
     replace_primvars(layer, target[RACHIS_PRIM], up=arrays.vec3f(_dorsal_axes(info, [entry])))
     if group.is_condensed:
-        usd.condensed.replace_condensed(layer, info, target[RACHIS_PRIM], group, entry, rest)
+        usd.forms.replace_condensed(layer, info, target[RACHIS_PRIM], group, entry, rest)
     widths = target[RACHIS_PRIM].AppendProperty(UsdGeom.Tokens.widths)
     layer.GetAttributeAtPath(widths).default = arrays.floats(group.widths)
 

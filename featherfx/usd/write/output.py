@@ -8,7 +8,7 @@ The prims of a cache depend on its form:
     condensed                       with barbs as arrays
     both        yes                 with barbs as arrays   yes
 
-condensed.py describes condensed feathers.
+forms.py describes condensed feathers.
 """
 
 from __future__ import annotations

@@ -141,9 +141,7 @@ class _JoinedBlock:
         points = self._joined([pose.points for pose in given])
         if self._form.thinned:
             posed = [pose.points for pose in given]
-            values[RACHIS_PRIM, DETAIL_ATTRIBUTE][:] = usd.condensed.find_details(
-                self._feathers, posed
-            )
+            values[RACHIS_PRIM, DETAIL_ATTRIBUTE][:] = usd.forms.find_details(self._feathers, posed)
         if self._origin is not None:
             points = points.shifted(self._origin)
         names = (
@@ -156,7 +154,7 @@ class _JoinedBlock:
         finite = surface_kernels.pose_surface(points, self._drawn, self._stage, written)
         if self._form.condensed:
             numbers = [values[RACHIS_PRIM, name] for name in (*BARB_NODE_PRIMVARS, ORIENT_PRIMVAR)]
-            finite &= usd.condensed.condense(points, self._left_leads, self._stage, numbers)
+            finite &= usd.forms.condense(points, self._left_leads, self._stage, numbers)
         rates = {"velocities": [pose.velocities for pose in given]}
         if (MESH_PRIM, ACCELERATIONS) in values:
             rates[ACCELERATIONS] = [pose.accelerations for pose in given]

@@ -119,12 +119,10 @@ class PosedFeather:
         self.form, self.rest_points = form, entry.feather.rest
         self.thin: ThinnedGrid | None = None
         if form.thinned:
-            self.thin = usd.condensed.choose_rows_and_nodes(
-                entry.feather.rows, entry.feather.columns
-            )
+            self.thin = usd.forms.choose_rows_and_nodes(entry.feather.rows, entry.feather.columns)
         self.columns = self.thin.columns if self.thin else entry.feather.columns
         self.length = float(entry.feather.station[-1])
-        self.left_leads = form.condensed and usd.condensed.left_leads(entry.feather)
+        self.left_leads = form.condensed and usd.forms.left_leads(entry.feather)
         self._entry, self._surface, self.id = entry, surface, entry.id
         self._space = space
         self.to_stage, self.to_origin = _stage_transform(space)
@@ -299,7 +297,7 @@ class PosedFeather:
     def _place(self, out: Written, points: RowPoints) -> bool:
         """Write points of mesh and rachis, and derived values; return whether all are finite."""
         if self.thin:
-            out[RACHIS_PRIM, DETAIL_ATTRIBUTE][:] = usd.condensed.find_details([self], [points])
+            out[RACHIS_PRIM, DETAIL_ATTRIBUTE][:] = usd.forms.find_details([self], [points])
             points = self.thin.select(points)
         written = WrittenSurface(
             out[MESH_PRIM, "points"],
@@ -312,7 +310,7 @@ class PosedFeather:
             self._diagnose(out)
         if self.form.condensed:
             numbers = [out[RACHIS_PRIM, name] for name in (*BARB_NODE_PRIMVARS, ORIENT_PRIMVAR)]
-            finite &= usd.condensed.condense(points, self.left_leads, self.to_stage, numbers)
+            finite &= usd.forms.condense(points, self.left_leads, self.to_stage, numbers)
         return bool(finite)
 
     def _diagnose(self, out: Written) -> None:
