@@ -14,7 +14,7 @@ from featherfx._version import __version__
 from featherfx.baking.options import BakeOptions, make_options, takes
 from featherfx.baking.task import BakeTask, prepare
 from featherfx.files.atomic_write import Standing, into, remove_leftovers, standing, write_all
-from featherfx.files.memory import seldom_collected
+from featherfx.files.process import seldom_collected
 from featherfx.jit.compiled import request_expected
 from featherfx.phases import Account, account, phase
 from featherfx.provenance import StageRead, list_entries, listen_to_reads

@@ -21,8 +21,7 @@ from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.profiles import at_places, barb_diameters, hooked_fraction, in_cells
 from featherfx.feather.types import Array, BarbCurves, Feather, RowMap
 from featherfx.groom.keys.problems import Place, Problems
-from featherfx.groom.looks import look_text
-from featherfx.groom.materials import Profile
+from featherfx.groom.materials import Profile, look_text
 from featherfx.groom.types import FeatherKind, Groom, Placement
 from featherfx.limits import refuse_beyond_memory
 from featherfx.mechanics.batch import may_slip
@@ -253,7 +252,7 @@ def drawn_entries(
 
             def build(number: int, placement: Placement) -> tuple[Feather, RowMap | None]:
                 done(number)
-                from featherfx.feather.render import render_feather
+                from featherfx.feather.barb_looks import render_feather
 
                 return render_feather(placement.kind, grid, meshes, placement.mirrored)
 

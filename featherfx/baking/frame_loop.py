@@ -12,8 +12,13 @@ import numpy as np
 
 from featherfx.baking.entries import drawn_entries, metadata_of, scenery_of
 from featherfx.baking.task import BakeTask
-from featherfx.files.background import Background
-from featherfx.files.memory import give_back_memory, keep_arrays_apart, seldom_collected, set_aside
+from featherfx.files.process import (
+    Background,
+    give_back_memory,
+    keep_arrays_apart,
+    seldom_collected,
+    set_aside,
+)
 from featherfx.jit.compile_progress import PROGRESS
 from featherfx.jit.compiled import request_expected
 from featherfx.phases import phase

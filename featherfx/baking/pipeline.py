@@ -8,7 +8,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from featherfx.files.memory import seldom_collected
+from featherfx.files.process import seldom_collected
 
 if TYPE_CHECKING:
     from featherfx.api import read_shot as read_shot

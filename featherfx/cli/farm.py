@@ -16,7 +16,7 @@ from featherfx.cli.options import WholeNumber, default_jobs, overwrite_option
 from featherfx.cli.program import Command, tell
 from featherfx.cli.progress import Progress
 from featherfx.farm import origin
-from featherfx.files.memory import seldom_collected
+from featherfx.files.process import seldom_collected
 from featherfx.limits import MAX_SHARES
 
 # Options of a bake that a plan sets itself, or that belong to one worker.

@@ -32,7 +32,7 @@ import click
 
 from featherfx._version import __version__
 from featherfx.errors import InputError, InputWarning, Problem, SimulationError, as_sentence
-from featherfx.files.memory import refuse_small_address_space, spare_address_space
+from featherfx.files.process import refuse_small_address_space, spare_address_space
 from featherfx.provenance import StageRead, list_entries, listen_to_reads
 
 LOGGER = logging.getLogger("featherfx")

@@ -47,7 +47,7 @@ from featherfx.coat.ties import (
     limit_lifts,
 )
 from featherfx.errors import count_feathers
-from featherfx.files.background import count_cores
+from featherfx.files.process import count_cores
 
 # agreement of headings below which the flow counts as singular
 _MIN_STRENGTH = 0.3

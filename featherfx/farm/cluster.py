@@ -34,7 +34,7 @@ from featherfx.farm.work import (
     OrderNews,
     work,
 )
-from featherfx.files.background import allow_threads, count_cores
+from featherfx.files.process import allow_threads, count_cores
 
 if TYPE_CHECKING:
     from distributed import Client, Future

@@ -11,7 +11,7 @@ import signal
 import sys
 from contextlib import ExitStack
 
-from featherfx.files.memory import seldom_collected
+from featherfx.files.process import seldom_collected
 
 signal.signal(signal.SIGINT, signal.SIG_IGN)
 _loading = ExitStack()

@@ -13,8 +13,8 @@ what is below it by
 
     strength * smooth((r - d) / (soft r) + 1/2),    smooth(x) = 3 x^2 - 2 x^3 within 0 and 1.
 
-Colours are mixed as light, then filtered by pigments (groom/looks.py). What numbers look like on a
-living bird is chosen by eye in presets.
+Colours are mixed as light, then filtered by pigments (groom/materials.py). What numbers look like
+on a living bird is chosen by eye in presets.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from featherfx.algebra.types import Array
 from featherfx.feather.density import linear_weights
 from featherfx.feather.types import LEADING, RACHIS_PART, TRAILING, BarbCurves, Feather, barb_slice
 from featherfx.files.content import stable_number
-from featherfx.groom.looks import (
+from featherfx.groom.materials import (
     DEFAULT_PATTERN_SIZES,
     PIGMENTS,
     RACHIS_COLOUR,

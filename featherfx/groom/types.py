@@ -16,13 +16,13 @@ from typing import Annotated, Any
 from featherfx.algebra.types import Array, ByValue
 from featherfx.errors import count_feathers
 from featherfx.groom.document import Document, Documented
-from featherfx.groom.keys.family import Preset
-from featherfx.groom.keys.places import POINT
+from featherfx.groom.keys.places import POINT, Preset
 from featherfx.groom.keys.values import ArrayOf, Default, Key, Number, Table, Text, keys_of
-from featherfx.groom.looks import BarbLook, Colour
 from featherfx.groom.materials import (
     PROFILE_MEANING,
     PROFILE_POINTS,
+    BarbLook,
+    Colour,
     Curve,
     RachisMaterial,
     VaneMaterial,

@@ -22,7 +22,7 @@ from queue import Empty, PriorityQueue
 from typing import Any, BinaryIO, NamedTuple
 
 from featherfx.errors import InputError, Problem
-from featherfx.files.background import count_cores
+from featherfx.files.process import count_cores
 from featherfx.jit.code_cache import code_folder, explain_unsaved
 from featherfx.jit.compile_progress import PROGRESS
 

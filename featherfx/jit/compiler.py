@@ -33,7 +33,7 @@ from numba.core.registry import CPUDispatcher, cpu_target
 from numba.core.typed_passes import NativeLowering
 from numba.np.numpy_support import as_dtype
 
-from featherfx.files.memory import seldom_collected
+from featherfx.files.process import seldom_collected
 from featherfx.jit.compile_progress import PROGRESS
 from featherfx.jit.compile_workers import KernelRequest, compile_pool, is_worker
 from featherfx.jit.kernel_calls import (

@@ -24,8 +24,12 @@ from featherfx.feather.types import Feather, barb_slice
 from featherfx.groom.materials import VaneMaterial
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.model import Model, VaneHooks, no_hooks
-from featherfx.mechanics.resolution import vane_width
-from featherfx.mechanics.section import rachis_mass, rachis_stiffness, strip_stiffness
+from featherfx.mechanics.resolution import (
+    rachis_mass,
+    rachis_stiffness,
+    strip_stiffness,
+    vane_width,
+)
 from featherfx.mechanics.vane_rest import (
     barb_nodes,
     cell_weights,

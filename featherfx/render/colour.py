@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.groom.looks import VANE_COLOUR, linear
+from featherfx.groom.materials import VANE_COLOUR, linear
 from featherfx.render.geometry import DrawnPose, DrawnScene
 
 # linear: of shafts, and of other meshes without a colour of their own

@@ -13,7 +13,7 @@ them, and furrows are darker.
 
 E is the light of an open sky by its first three zonal harmonics (Ramamoorthi & Hanrahan 2001,
 equation 10) and of a soft lamp from behind, O what one ray a sample finds of it: nothing that
-stands free is grainy. V and O are smoothed over neighbouring pixels (smooth_kernels.py).
+stands free is grainy. V and O are smoothed over neighbouring pixels (tracer.py).
 
 All arrays are of N samples; vectors are (N, 3) in single precision.
 """

@@ -37,7 +37,7 @@ from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.algebra.vectors import unit
 from featherfx.feather.barb_looks import WET_SHAPE, clump_fraction, draws_of, middle_barbs
 from featherfx.feather.density import hermite_weights
-from featherfx.groom.looks import BarbLook
+from featherfx.groom.materials import BarbLook
 from featherfx.render.barb_kernels import colour_vanes
 from featherfx.render.geometry import DrawnGrid, Geometry, Topology, geometry_of
 from featherfx.render.light_kernels import RACHIS_MATERIAL, VANE

@@ -12,13 +12,13 @@ import numpy as np
 
 from featherfx.algebra.types import Array, ByValue
 from featherfx.errors import count_feathers, require_type
+from featherfx.files.content import shot_settings
 from featherfx.groom.document import Document, Documented
 from featherfx.groom.keys.preset import PRESET_FAMILIES, UNSCALED_CLOCK, Clock, Quality, Wind
 from featherfx.groom.keys.values import ArrayOf, Default, Number, Text, vector
 from featherfx.groom.types import Groom
 from featherfx.limits import MAX_CLUMPS
 from featherfx.shot.clock import MAX_RATE, MIN_RATE, NO_CUTS, FrameCuts
-from featherfx.shot.fingerprint import shot_settings
 from featherfx.shot.roots import NO_RUN_UP, RunUp
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import SimulationError, as_figure
-from featherfx.files.background import limit_threads
+from featherfx.files.process import limit_threads
 from featherfx.jit.compiled import KernelModule, request_expected
 from featherfx.jit.kernel_calls import Encoded
 from featherfx.limits import MAX_JOBS

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem, require
 from featherfx.feather.types import BarbCurves, Feather, RowMap, RowPoints
-from featherfx.files.memory import refuse_small_address_space
+from featherfx.files.process import refuse_small_address_space
 from featherfx.groom.types import FeatherKind
 from featherfx.usd.write.options import StageOptions
 
@@ -48,9 +48,9 @@ ORIENT_PRIMVAR = "primvars:barborient"
 DETAIL_ATTRIBUTE, DETAIL_GRID_ATTRIBUTE = "featherDetail", "featherDetail:grid"
 # the shape that they are built of, as text (featherfx/feather/shapes.py), and its factor
 SHAPE_PRIMVAR, SHAPE_SIZE_PRIMVAR = "featherShape", "shapeSize"
-# their colours, as text (groom/looks.py), and linear at their barbs' nodes, as P_BARB
+# their colours, as text (groom/materials.py), and linear at their barbs' nodes, as P_BARB
 COLOUR_PRIMVAR, BARB_COLOUR_PRIMVARS = "featherColour", ("displayColor_barbl", "displayColor_barbr")
-# of meshes, how their barbs look in pictures, as text (groom/looks.py)
+# of meshes, how their barbs look in pictures, as text (groom/materials.py)
 LOOK_PRIMVAR = "barbLook"
 # and how many real barbs each vane has
 BARB_COUNT_PRIMVAR = "barbCount"
@@ -106,7 +106,7 @@ class FeatherEntry:
     shape: kind that the feather is built of, whether mirrored, and how many times as large it is;
         condensed feathers are expanded by it.
     chart: (4,) u, v, du, dv of its texture coordinates in the pictures (usd/write/materials.py).
-    look: of its barbs in pictures, as text (groom/looks.py); empty: smooth.
+    look: of its barbs in pictures, as text (groom/materials.py); empty: smooth.
     barb_count: real barbs along each vane; 0: not known.
     """
 

@@ -14,8 +14,7 @@ from typing import Any, NamedTuple
 
 from featherfx.errors import InputError, Problem, require
 from featherfx.files.atomic_write import into_text, standing, write_all
-from featherfx.groom.keys.family import Preset
-from featherfx.groom.keys.places import Direction
+from featherfx.groom.keys.places import Direction, Preset
 from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import ArrayOf, Either, Flag, Key, Number, Table, Text, ValueType

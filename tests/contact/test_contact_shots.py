@@ -13,7 +13,7 @@ from places import SAMPLES
 
 from featherfx.cli.bake_warnings import print_warnings
 from featherfx.errors import InputError, InputWarning
-from featherfx.files.background import allow_threads
+from featherfx.files.process import allow_threads
 from featherfx.limits import MAX_JOBS
 from featherfx.phases import Account
 from featherfx.shot.clock import StageClock

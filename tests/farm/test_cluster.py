@@ -17,7 +17,7 @@ import featherfx
 from featherfx.errors import InputError
 from featherfx.farm import cluster as room
 from featherfx.farm.job import Job
-from featherfx.files.background import allow_threads, count_cores, limit_threads
+from featherfx.files.process import allow_threads, count_cores, limit_threads
 
 distributed = pytest.importorskip("distributed")
 OPTIONS = {"frames": (1, 3), "chunk": 2}

@@ -12,11 +12,10 @@ from trial_batches import preset_kind
 
 from featherfx import read_groom
 from featherfx.errors import InputError
-from featherfx.feather.barb_looks import drawn_barbs
+from featherfx.feather.barb_looks import barb_curves, drawn_barbs
 from featherfx.feather.build import build_feather
-from featherfx.feather.render import barb_curves
 from featherfx.feather.types import both
-from featherfx.groom.looks import BarbLook
+from featherfx.groom.materials import BarbLook
 
 KIND = preset_kind("swan_primary")
 GRID, COUNT = (11, 4), 60

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from trial_batches import preset_kind
 
+from featherfx.feather.barb_looks import barb_curves
 from featherfx.feather.build import build_feather
 from featherfx.feather.colours import colour_feather
-from featherfx.feather.render import barb_curves
 from featherfx.feather.types import RACHIS_PART
-from featherfx.groom.looks import Colour, Pattern, linear
+from featherfx.groom.materials import Colour, Pattern, linear
 from featherfx.groom.presets.kinds import blended
 
 WHITE, BLACK = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)

@@ -10,6 +10,7 @@ from places import SAMPLES
 from scipy.spatial.transform import Rotation
 
 import featherfx
+from featherfx.feather.barb_looks import barb_curves, render_feather
 from featherfx.feather.build import build_feather, scale_feather
 from featherfx.feather.density import (
     carry_motion,
@@ -18,7 +19,6 @@ from featherfx.feather.density import (
     hermite_weights,
     scaled_map,
 )
-from featherfx.feather.render import barb_curves, render_feather
 from featherfx.feather.types import RowPoints, barb_slice, both, turned
 from featherfx.shot.frames import place
 

@@ -8,7 +8,7 @@ from places import ROOT
 
 import featherfx
 from featherfx.errors import InputError, InputWarning
-from featherfx.groom.looks import Pattern
+from featherfx.groom.materials import Pattern
 from featherfx.groom.presets.presets import load_preset
 
 WING = """name = "wing"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from featherfx.groom.materials import RachisMaterial
-from featherfx.mechanics.section import rachis_mass, rachis_stiffness
+from featherfx.mechanics.resolution import rachis_mass, rachis_stiffness
 
 SOLID = RachisMaterial(
     youngs_modulus=5e9,

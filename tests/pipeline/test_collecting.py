@@ -6,7 +6,7 @@ import gc
 
 import pytest
 
-from featherfx.files.memory import seldom_collected, set_aside
+from featherfx.files.process import seldom_collected, set_aside
 
 
 @pytest.fixture

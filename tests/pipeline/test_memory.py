@@ -14,7 +14,7 @@ from featherfx.jit.code_cache import can_load
 ALTERNATE = """
 import numpy as np
 from featherfx.baking.trial import resident_bytes
-from featherfx.files.memory import keep_arrays_apart
+from featherfx.files.process import keep_arrays_apart
 for _ in range(2):  # what is freed once is else kept from then on
     arrays = [np.ones(1_000_000) for _ in range(20)]
     if {apart}:

@@ -7,8 +7,7 @@ import pytest
 
 from featherfx.render.barb_kernels import colour_vanes, half_width, is_gap
 from featherfx.render.light_kernels import displayed, of_film
-from featherfx.render.smooth_kernels import MEAN_NUMBERS, SMOOTHING_REACH, finish, gather_light
-from featherfx.render.tracer import light_of
+from featherfx.render.tracer import MEAN_NUMBERS, SMOOTHING_REACH, finish, gather_light, light_of
 
 
 def open_share(place, free):

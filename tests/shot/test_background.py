@@ -6,7 +6,7 @@ import weakref
 
 import pytest
 
-from featherfx.files.background import Background
+from featherfx.files.process import Background
 
 
 def test_calls_come_in_order_and_all_are_done_at_the_end():

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 from places import ROOT
 
-from featherfx.groom.keys.family import Preset
 from featherfx.groom.keys.groom import GROOM_FILE
+from featherfx.groom.keys.places import Preset
 from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import (

@@ -9,8 +9,8 @@ import pytest
 from places import SAMPLES
 
 from featherfx.baking.bake import bake
+from featherfx.feather.barb_looks import barb_curves
 from featherfx.feather.build import build_feather
-from featherfx.feather.render import barb_curves
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.read.read import read_shot
 

@@ -11,9 +11,8 @@ from pxr import Sdf, Usd, UsdGeom
 
 from featherfx import bake
 from featherfx.errors import InputError
-from featherfx.feather.barb_looks import clumped
+from featherfx.feather.barb_looks import barb_curves, clumped
 from featherfx.feather.build import build_feather
-from featherfx.feather.render import barb_curves
 from featherfx.mechanics.batch import make_model, vane_mass
 from featherfx.mechanics.model import no_loads
 from featherfx.render.camera import axes_of, framing

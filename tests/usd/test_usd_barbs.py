@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 import featherfx
 import featherfx.baking.pipeline as pipeline
 from featherfx.algebra.vectors import face_products
+from featherfx.feather.barb_looks import barb_curves, render_feather
 from featherfx.feather.build import build_feather
-from featherfx.feather.render import barb_curves, render_feather
 from featherfx.feather.types import RowPoints, both
 from featherfx.shot.frames import place
 from featherfx.usd.types import FeatherEntry

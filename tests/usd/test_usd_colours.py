@@ -11,7 +11,7 @@ from pxr import Usd, UsdGeom, UsdShade
 
 import featherfx
 from featherfx.errors import InputError
-from featherfx.groom.looks import VANE_COLOUR, linear
+from featherfx.groom.materials import VANE_COLOUR, linear
 from featherfx.shot.partition.dependence import motion_dependences
 from featherfx.shot.read.read import read_shot
 from featherfx.usd.check.check import check_usd

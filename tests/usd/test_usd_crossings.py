@@ -12,8 +12,7 @@ from commands import invoke
 from places import SAMPLES
 
 from featherfx.errors import InputError
-from featherfx.feather.crossing_kernels import triangles_cross
-from featherfx.feather.crossings import BODY, find_intersections, make_patches
+from featherfx.feather.crossings import BODY, find_intersections, make_patches, triangles_cross
 from featherfx.usd.check.measures import count_crossings
 
 FLAT = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])

@@ -9,7 +9,7 @@ from pxr import Usd, UsdGeom, UsdShade
 
 import featherfx
 from featherfx.errors import InputError
-from featherfx.groom.looks import ABSORPTION, VANE_COLOUR, filtered
+from featherfx.groom.materials import ABSORPTION, VANE_COLOUR, filtered
 from featherfx.usd.check.check import check_usd
 
 GROOM = """name = "pigments"

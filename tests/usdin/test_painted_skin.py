@@ -6,7 +6,7 @@ from PIL import Image
 from pxr import Sdf, UsdGeom, Vt
 from regions_skin import RADIUS, SKIN, grown, problems, region, roots, skin_folder, write_skin
 
-from featherfx.groom.looks import linear
+from featherfx.groom.materials import linear
 
 __all__ = ["skin_folder"]
 

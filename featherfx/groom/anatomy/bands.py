@@ -18,7 +18,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array
 from featherfx.groom.keys.anatomy import WingBand
-from featherfx.groom.looks import Pattern
+from featherfx.groom.materials import Pattern
 
 MAX_SLANT = 75.0  # deg
 _BESIDE = 0.2  # of its length, from its rachis to a line along it that is on its vane

@@ -23,11 +23,10 @@ from featherfx.groom.anatomy.fans import TAIL_THINNING, closed_fan
 from featherfx.groom.anatomy.landmarks import Points, axes_of, check_on_skin, distance
 from featherfx.groom.anatomy.remiges import coated_rows, on_skin, shut
 from featherfx.groom.anatomy.wing import BENT_HEIGHT, skin_of_wing, wing_type
-from featherfx.groom.frames import along_polyline
+from featherfx.groom.course import along_polyline
 from featherfx.groom.keys.anatomy import WingType
-from featherfx.groom.keys.limbs import CREST_KEYS, TAIL_KEYS, WING_KEYS
+from featherfx.groom.keys.plumage import CREST_KEYS, LAYOUT_KEYS, TAIL_KEYS, WING_KEYS
 from featherfx.groom.keys.problems import INVALID, Place
-from featherfx.groom.keys.regions import LAYOUT_KEYS
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.read.readers import SkinsReader
 

@@ -18,7 +18,7 @@ from featherfx.groom.anatomy.drape import Beneath
 from featherfx.groom.anatomy.landmarks import Points
 from featherfx.groom.anatomy.wing_skin import WingSkin
 from featherfx.groom.keys.anatomy import TRACTS, CovertRow, PartOfBody, WingType
-from featherfx.groom.keys.regions import FLOW_KEYS, REGION_KEYS, SPREAD_KEYS, WHERE_KEYS
+from featherfx.groom.keys.plumage import FLOW_KEYS, REGION_KEYS, SPREAD_KEYS, WHERE_KEYS
 from featherfx.groom.keys.values import Key
 
 _SMALL_DENSITY = 12.0  # relative, of the small coverts of shut wings; by eye

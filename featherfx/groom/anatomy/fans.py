@@ -18,7 +18,7 @@ from featherfx.algebra.rotation import (
 )
 from featherfx.algebra.types import Array
 from featherfx.groom.anatomy.remiges import spread_evenly
-from featherfx.groom.frames import along_polyline
+from featherfx.groom.course import along_polyline
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.read.drafts import Draft

@@ -10,7 +10,7 @@ import numpy as np
 from featherfx.algebra.rotation import frames_from, parallel
 from featherfx.groom.anatomy.fans import crest, tail
 from featherfx.groom.anatomy.wing import wing
-from featherfx.groom.frames import Mirror
+from featherfx.groom.course import Mirror
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.presets.kind_store import KindStore
 from featherfx.groom.presets.library import Library

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Annotated
 
-from featherfx.groom.keys.family import Preset
+from featherfx.groom.keys.places import Preset
 from featherfx.groom.keys.values import (
     ArrayOf,
     Default,
@@ -17,7 +17,7 @@ from featherfx.groom.keys.values import (
     Text,
     keys_of,
 )
-from featherfx.groom.looks import Colour, Shade
+from featherfx.groom.materials import Colour, Shade
 
 _LENGTH = Number(1e-3, 5, "m")
 _SPREAD_FOLDED = ArrayOf(Number(-180, 180, "deg"), 2, 2)

@@ -281,7 +281,7 @@ VARIATION_KEYS = {
 
 
 # modules of the keys that only grooms with these tables load
-_LIMBS, _REGIONS = "featherfx.groom.keys.limbs", "featherfx.groom.keys.regions"
+_LIMBS, _REGIONS = "featherfx.groom.keys.plumage", "featherfx.groom.keys.plumage"
 
 GROOM_KEYS = {
     "name": Key(Text(), "Name of the groom."),

@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 from featherfx.algebra.types import Array, ByValue
-from featherfx.groom.keys.family import PartPreset, Preset
-from featherfx.groom.keys.places import Direction
+from featherfx.groom.keys.places import Direction, PartPreset, Preset
 from featherfx.groom.keys.values import (
     REQUIRED,
     ArrayOf,

@@ -9,7 +9,7 @@ from typing import Any
 from featherfx.errors import InputError, all_of
 from featherfx.groom.document import merge_tables
 from featherfx.groom.keys.problems import Place
-from featherfx.groom.looks import Pattern
+from featherfx.groom.materials import Pattern
 from featherfx.groom.presets.kinds import Change, adjusted, blended, kind_of
 from featherfx.groom.presets.library import Library, Sourced, Tree
 from featherfx.groom.types import FeatherKind

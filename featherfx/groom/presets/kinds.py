@@ -10,18 +10,21 @@ import numpy as np
 
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import expected
-from featherfx.groom.looks import SHADING, BarbLook, Colour, Pattern
 from featherfx.groom.materials import (
     MAX_LOSS_BAND_RATIO,
     MAX_PROFILE_FACTOR,
     MIN_PROFILE_FACTOR,
+    SHADING,
+    BarbLook,
+    Colour,
     Curve,
+    Pattern,
     Profile,
     RachisMaterial,
     VaneMaterial,
 )
-from featherfx.groom.presets.flat_vane import barbs_cross, crossing_segments
 from featherfx.groom.presets.library import Sourced, Tree, plain
+from featherfx.groom.presets.lines import barbs_cross, crossing_segments
 from featherfx.groom.presets.scaling import change_materials
 from featherfx.groom.types import (
     BARB_ANGLE,

@@ -9,7 +9,7 @@ from typing import Any
 
 from featherfx.errors import InputError
 from featherfx.groom.document import merge_tables
-from featherfx.groom.keys.family import Preset
+from featherfx.groom.keys.places import Preset
 from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import REQUIRED, Key, Table, expected

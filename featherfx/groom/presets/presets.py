@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from featherfx.errors import InputError, Problem, require_type
-from featherfx.groom.keys.family import Preset
+from featherfx.groom.keys.places import Preset
 from featherfx.groom.keys.preset import PRESET_FAMILIES, Quality
 from featherfx.groom.keys.problems import Place, Problems, nearest
 from featherfx.groom.keys.values import Either, Table

@@ -21,9 +21,9 @@ import numpy as np
 from featherfx.algebra.rotation import frames_from, from_angles, interpolated, parallel, transported
 from featherfx.algebra.types import Array
 from featherfx.errors import all_of, warn_input
-from featherfx.groom.frames import Mirror, along_polyline
+from featherfx.groom.course import Mirror, along_polyline
 from featherfx.groom.keys.problems import Place
-from featherfx.groom.looks import PIGMENTS, VANE_COLOUR, displayed
+from featherfx.groom.materials import PIGMENTS, VANE_COLOUR, displayed
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import sourced
 from featherfx.groom.read.readers import CurveReader

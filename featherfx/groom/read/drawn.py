@@ -20,14 +20,15 @@ from featherfx.groom.keys.values import Table
 from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.kinds import Change
 from featherfx.groom.presets.library import sourced
-from featherfx.groom.read.condensed import DrawnVanes, vanes_of
 from featherfx.groom.read.drafts import Draft, DrawnShape, belonging
 from featherfx.groom.read.rachis_curve import (
     MAX_LINE_DEVIATION,
+    DrawnVanes,
     curved_up,
     fit_arc,
     fit_course,
     tightest,
+    vanes_of,
     without_repeats,
 )
 from featherfx.groom.read.readers import DrawnFeather, SceneReader

@@ -11,7 +11,7 @@ from featherfx.algebra.types import Array
 from featherfx.groom.keys.problems import Place
 
 if TYPE_CHECKING:
-    from featherfx.groom.read.condensed import DrawnBarbs
+    from featherfx.groom.read.rachis_curve import DrawnBarbs
     from featherfx.groom.skin.points import SkinSource
 
 

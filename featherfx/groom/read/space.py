@@ -15,10 +15,9 @@ import numpy as np
 from featherfx.algebra.types import Array, Flags
 from featherfx.algebra.vectors import distinct
 from featherfx.errors import InputError
-from featherfx.groom.frames import Mirror
-from featherfx.groom.keys.family import Preset
+from featherfx.groom.course import Mirror
 from featherfx.groom.keys.groom import GROOM_FILE
-from featherfx.groom.keys.places import SPHERE_TABLE, Direction, Length, Point, Sphere
+from featherfx.groom.keys.places import SPHERE_TABLE, Direction, Length, Point, Preset, Sphere
 from featherfx.groom.keys.problems import INVALID, Place
 from featherfx.groom.keys.values import ArrayOf, Either, Named, Partial, Table, Tables, the_one
 from featherfx.groom.read.readers import SkinsReader

@@ -24,7 +24,7 @@ from featherfx.errors import all_of, warn_input
 from featherfx.files.disk_cache import kept
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.keys.values import the_one
-from featherfx.groom.looks import displayed
+from featherfx.groom.materials import displayed
 from featherfx.groom.read.space import Space
 from featherfx.groom.skin.field import search_tree
 from featherfx.groom.skin.points import SkinSurface, SurfacePoints

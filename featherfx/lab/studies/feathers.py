@@ -19,7 +19,7 @@ from featherfx.groom.types import FeatherKind, VaneShape
 from featherfx.lab.feathers.feather import feather_kind
 from featherfx.lab.studies.study import Comparisons, StudyResult, ourselves, published
 from featherfx.mechanics.batch import make_model
-from featherfx.mechanics.section import rachis_mass, rachis_stiffness
+from featherfx.mechanics.resolution import rachis_mass, rachis_stiffness
 from featherfx.solver.damping import fit_branches, softening
 from featherfx.solver.step.modes import frequencies
 

@@ -40,8 +40,8 @@ from featherfx.coat.leaf_kernels import HINGE, CarrierArrays
 from featherfx.feather.leaves import plane_forms
 from featherfx.feather.shapes import build_plane_feathers
 from featherfx.feather.types import Feather, RowPoints, both, stacked
-from featherfx.files.background import count_cores
 from featherfx.files.disk_cache import kept
+from featherfx.files.process import count_cores
 from featherfx.groom.skin.skin import closest
 from featherfx.groom.types import Placement
 from featherfx.shot.coat import leaf_kernels as kernels

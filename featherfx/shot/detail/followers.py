@@ -12,8 +12,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.feather.types import Feather, RowPoints, both, stacked
-from featherfx.shot.detail import guided_kernels as kernels
-from featherfx.shot.detail.guided import Followers, Shapes
+from featherfx.shot.detail.guided import Followers, Shapes, carry_to_world
 from featherfx.shot.detail.guides import guide_weights
 from featherfx.shot.frames import FeatherPose
 from featherfx.shot.loop.run import Guidance, ShotRun, Stage
@@ -101,7 +100,7 @@ def _guided_poses(
     world = posed if posed[0] is not posed[1] else [both(np.copy, each) for each in posed]
     for part, shifted in enumerate((1.0, 0.0)):  # nodes, directors
         vectors = [tuple(_flat(each[part]) for each in many) for many in (posed, world)]
-        kernels.in_world(vectors[0], step, shifted, roots, vectors[1])
+        carry_to_world(vectors[0], step, shifted, roots, vectors[1])
     return _by_number(members, world)
 
 

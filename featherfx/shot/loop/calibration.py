@@ -41,11 +41,10 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError, SimulationError
-from featherfx.files.content import digest
+from featherfx.files.content import digest, shot_settings
 from featherfx.files.disk_cache import keep, kept, kept_before, nothing_kept
 from featherfx.jit.compile_progress import working_time
 from featherfx.mechanics.batch import may_slip
-from featherfx.shot.fingerprint import shot_settings
 from featherfx.shot.loop.window_runs import (
     FAILED_RUN,
     MIN_FALL,

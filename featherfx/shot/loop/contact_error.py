@@ -21,9 +21,8 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import SimulationError
-from featherfx.files.content import digest
+from featherfx.files.content import digest, shot_settings
 from featherfx.files.disk_cache import kept, nothing_kept
-from featherfx.shot.fingerprint import shot_settings
 from featherfx.shot.loop.run import drawn_feathers, report_errors
 from featherfx.shot.loop.window_runs import (
     MIN_FALL,

@@ -15,9 +15,8 @@ from typing import Any
 
 from featherfx import limits
 from featherfx.groom.keys import groom as groom_keys
-from featherfx.groom.keys import limbs as limb_keys
+from featherfx.groom.keys import plumage as plumage_keys
 from featherfx.groom.keys import preset as preset_keys
-from featherfx.groom.keys import regions as region_keys
 from featherfx.groom.keys.anatomy import (
     CovertRow,
     CrestOfBird,
@@ -29,8 +28,7 @@ from featherfx.groom.keys.anatomy import (
 from featherfx.groom.keys.groom import GROOM_FILE
 from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.values import REQUIRED, JsonSchema, Key, Table, Tables, keys_of
-from featherfx.groom.looks import BarbLook, Colour, Pattern
-from featherfx.groom.materials import Profile
+from featherfx.groom.materials import BarbLook, Colour, Pattern, Profile
 from featherfx.groom.types import GUIDE_KEYS, RACHIS_KEYS, Hooked, Splits, VaneShape
 from featherfx.shot.flock.types import FLOCK_FILE, FLOCK_KEYS
 from featherfx.shot.read import keys as shot_keys
@@ -90,22 +88,22 @@ _GROOM = (
     ("### [[feather]]", groom_keys.FEATHER_ENTRY_KEYS),
     ("### [[row]]", groom_keys.ROW_KEYS),
     ("### first and last of a [[row]]", groom_keys.ROOT_KEYS),
-    ("### [bird]", limb_keys.BIRD_KEYS),
-    ("### [bird.landmarks]", limb_keys.LANDMARK_KEYS),
-    ("### [[wing]]", limb_keys.WING_KEYS),
-    ("### [[tail]]", limb_keys.TAIL_KEYS),
-    ("### [[crest]]", limb_keys.CREST_KEYS),
+    ("### [bird]", plumage_keys.BIRD_KEYS),
+    ("### [bird.landmarks]", plumage_keys.LANDMARK_KEYS),
+    ("### [[wing]]", plumage_keys.WING_KEYS),
+    ("### [[tail]]", plumage_keys.TAIL_KEYS),
+    ("### [[crest]]", plumage_keys.CREST_KEYS),
     ("### [[table]]", groom_keys.TABLE_KEYS),
     ("### [[usd]]", groom_keys.USD_KEYS),
     ("### names of [[usd]]", groom_keys.USD_NAME_KEYS),
-    ("### [skin] of a groom", region_keys.SKIN_KEYS),
-    ("### [[region]]", region_keys.REGION_KEYS),
-    ("### kind of a [[region]]", region_keys.REGION_KIND_KEYS),
-    ("### where of a [[region]]", region_keys.WHERE_KEYS),
-    ("### nearest of a where", region_keys.NEAREST_KEYS),
-    ("### flow of a [[region]]", region_keys.FLOW_KEYS),
-    ("### variation of a [[region]]", region_keys.SPREAD_KEYS),
-    ("### [layout]", region_keys.LAYOUT_KEYS),
+    ("### [skin] of a groom", plumage_keys.SKIN_KEYS),
+    ("### [[region]]", plumage_keys.REGION_KEYS),
+    ("### kind of a [[region]]", plumage_keys.REGION_KIND_KEYS),
+    ("### where of a [[region]]", plumage_keys.WHERE_KEYS),
+    ("### nearest of a where", plumage_keys.NEAREST_KEYS),
+    ("### flow of a [[region]]", plumage_keys.FLOW_KEYS),
+    ("### variation of a [[region]]", plumage_keys.SPREAD_KEYS),
+    ("### [layout]", plumage_keys.LAYOUT_KEYS),
     ("### [variation]", groom_keys.VARIATION_KEYS),
 )
 _FAMILIES = (

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.vectors import distinct
-from featherfx.files.background import limit_threads
+from featherfx.files.process import limit_threads
 from featherfx.jit.compiled import KernelModule
 from featherfx.mechanics.model import Loads
 from featherfx.solver.contact.interval_options import (

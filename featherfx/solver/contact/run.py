@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from featherfx.algebra.rotation import vectors_to_frames
 from featherfx.algebra.thread_team import new_team
 from featherfx.algebra.views import ViewedTuples, Views, views_of
-from featherfx.files.background import limit_threads
+from featherfx.files.process import limit_threads
 from featherfx.jit.compiled import KernelModule
 from featherfx.mechanics.model import Contacts, Loads, expand_wind
 from featherfx.solver.contact.state_rooms import StateBuffers, put

@@ -18,7 +18,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.algebra.vectors import unit
-from featherfx.files.background import count_cores
+from featherfx.files.process import count_cores
 from featherfx.jit.compiled import KernelModule
 from featherfx.jit.kernel_calls import Encoded
 from featherfx.phases import phase

@@ -30,7 +30,7 @@ from featherfx.algebra.types import Array
 from featherfx.algebra.vectors import arc_lengths
 from featherfx.errors import InputError, Problem, as_figure, require_type, warn_input
 from featherfx.feather.types import RowPoints, both, turned
-from featherfx.groom.frames import along_polyline
+from featherfx.groom.course import along_polyline
 from featherfx.groom.keys.problems import Place, Problems, nearest
 from featherfx.phases import Progress, counted, tells_progress
 from featherfx.shot.detail.guided import INSTANT, Chains, Turns, row_frames

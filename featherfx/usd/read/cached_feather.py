@@ -17,7 +17,7 @@ from featherfx.algebra.triangulation import triangulate
 from featherfx.algebra.types import Floats, Indices
 from featherfx.errors import InputError, warn_input
 from featherfx.feather.types import LEADING
-from featherfx.groom.looks import BarbLook, look_of
+from featherfx.groom.materials import BarbLook, look_of
 from featherfx.usd.read.mesh_topology import read_topology
 from featherfx.usd.read.values import (
     DEFAULT_TIME,

@@ -24,13 +24,12 @@ from pxr import Usd, UsdGeom
 from featherfx.algebra.rotation import quats_to_frames
 from featherfx.algebra.types import Flags
 from featherfx.errors import InputError, Problem, require, require_type
-from featherfx.feather.barb_looks import clumped, drawn_barbs
+from featherfx.feather.barb_looks import BARB_SEGMENTS, clumped, drawn_barbs
 from featherfx.feather.build import scale_feather
 from featherfx.feather.carry_kernels import keep_lengths
 from featherfx.feather.colours import FeatherColours, colour_feather, shading_of
 from featherfx.feather.density import density_map, scaled_map, scaled_points
 from featherfx.feather.detail import ThinnedGrid, choose_rows_and_nodes, restored
-from featherfx.feather.render import BARB_SEGMENTS
 from featherfx.feather.shapes import build_shapes, decode_shape
 from featherfx.feather.types import (
     Array,
@@ -41,7 +40,7 @@ from featherfx.feather.types import (
     RowPoints,
     stacked,
 )
-from featherfx.groom.looks import BarbLook, colour_of
+from featherfx.groom.materials import BarbLook, colour_of
 from featherfx.groom.types import FeatherKind
 from featherfx.limits import MAX_BARBS, MAX_CLUMPS, MAX_COLUMNS, MAX_ROWS
 from featherfx.usd.read.cached_feather import FeatherMember, read_members

@@ -15,7 +15,7 @@ from pxr import Usd, UsdGeom
 from featherfx.algebra.types import Array
 from featherfx.errors import all_of
 from featherfx.groom.keys.problems import Place, Problems
-from featherfx.groom.read.condensed import DrawnBarbs
+from featherfx.groom.read.rachis_curve import DrawnBarbs
 from featherfx.groom.read.readers import DrawnFeather
 from featherfx.provenance import LeftOut, StageRead, note_read
 from featherfx.usd.read.curves import CurveElement, PrimvarReader, is_curves, read_prim_curves

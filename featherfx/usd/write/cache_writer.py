@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from featherfx import usd
 from featherfx.errors import Problem, SimulationError, warn_input
 from featherfx.files.atomic_write import Standing, standing
-from featherfx.files.background import Background
+from featherfx.files.process import Background
 from featherfx.limits import describe_large_output
 from featherfx.phases import phase
 from featherfx.shot.frames import Frame, sample_number

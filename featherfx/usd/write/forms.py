@@ -26,7 +26,7 @@ from featherfx.feather.shapes import encode_shape
 from featherfx.feather.types import LEADING, TRAILING, Array, Feather, RowPoints, barb_slice
 from featherfx.files.atomic_write import standing
 from featherfx.files.content import stable_number
-from featherfx.groom.looks import colour_text, look_text
+from featherfx.groom.materials import colour_text, look_text
 from featherfx.groom.types import Placement
 from featherfx.shot.frames import place
 from featherfx.usd import arrays

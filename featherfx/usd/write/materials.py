@@ -33,7 +33,7 @@ from featherfx.algebra.types import Array, Indices
 from featherfx.errors import Problem
 from featherfx.feather.colours import brightness, charted
 from featherfx.files.atomic_write import Store
-from featherfx.groom.looks import RACHIS_COLOUR, VANE_COLOUR, displayed
+from featherfx.groom.materials import RACHIS_COLOUR, VANE_COLOUR, displayed
 from featherfx.usd.types import FeatherEntry, OutputError
 
 _TYPES = Sdf.ValueTypeNames

@@ -22,7 +22,7 @@ from pxr import Sdf, UsdGeom, UsdShade
 from featherfx.algebra.types import Array, Indices
 from featherfx.feather.types import LEADING, RACHIS_PART, TRAILING, BarbCurves
 from featherfx.files.content import stable_number
-from featherfx.groom.looks import PIGMENTS
+from featherfx.groom.materials import PIGMENTS
 from featherfx.usd import arrays
 from featherfx.usd.types import (
     BARB_COLOUR_PRIMVARS,
