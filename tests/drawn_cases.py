@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from featherfx.algebra.rotation import along_rows, frames_to_quats, quats_to_frames
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import along_rows, frames_to_quats, quats_to_frames
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather

@@ -43,7 +43,7 @@ ORDER = (
 )
 FORBIDDEN = {"lab": {"usd", "render", "baking"}, "usd": {"solver"}, "cli": {"__init__"}}
 # what only the lab needs lives in the lab: the commands of the lab and of benchmarks may enter it
-LAB_ENTRIES = ("cli/lab/", "cli/bench.py")
+LAB_ENTRIES = ("cli/lab/",)
 HOME_OF = {
     "pxr": {"usd", "plugins"},
     "embreex": {"render"},

@@ -39,7 +39,7 @@ from featherfx.groom.keys.groom import GROOM_FILE
 from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import Table
-from featherfx.shot.flock.types import FLOCK_FILE
+from featherfx.shot.flock import FLOCK_FILE
 from featherfx.shot.read.keys import SHOT_FILE
 from featherfx.usd.read.cache import Cache
 

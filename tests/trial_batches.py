@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.algebra.rotation import frames_to_quats
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import frames_to_quats
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
 from featherfx.groom.keys.problems import Place, Problems
@@ -115,7 +115,7 @@ def rotation_of(vector: Any) -> Array:
 
 def turned(quat: Array, vector: Array) -> Array:
     """(4,) quaternion followed by a world rotation vector (rad)."""
-    from featherfx.algebra.rotation import quats_to_frames
+    from featherfx.algebra.vectors import quats_to_frames
 
     return frames_to_quats(rotation_of(vector) @ quats_to_frames(quat))
 

@@ -34,8 +34,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from featherfx.algebra.rotation import frames_to_quats, rotation_part, rotation_vectors
 from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vectors import frames_to_quats, rotation_part, rotation_vectors
 from featherfx.jit.compiled import KernelModule
 
 kernels = KernelModule("featherfx.algebra.element_kernels")

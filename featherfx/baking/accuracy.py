@@ -31,12 +31,12 @@ from featherfx.feather.density import max_distance
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.mechanics.resolution import rachis_deflection
 from featherfx.phases import phase
+from featherfx.shot.load_estimate import estimate_loads
 from featherfx.shot.loop.contact_error import nearest_pushing
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import Simulation, simulate
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.options.load_estimate import estimate_loads
-from featherfx.shot.options.options import FeatherOptions, resolve_options, simulation_quality
+from featherfx.shot.options import FeatherOptions, resolve_options, simulation_quality
 from featherfx.shot.patterns import part_of
 from featherfx.shot.types import Quality, Shot
 

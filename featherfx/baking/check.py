@@ -16,11 +16,11 @@ from featherfx.groom.read.toml_file import load_toml
 from featherfx.groom.types import Groom
 from featherfx.limits import MAX_TRIED, irregular
 from featherfx.phases import Progress, tells_progress
-from featherfx.shot.loop.cut_stage import CutStage
 from featherfx.shot.loop.run import ShotRun
+from featherfx.shot.loop.skin_stages import CutStage
 from featherfx.shot.motion.joint_tracks import find_tracks, rate_lines
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.options.options import ShotOptions
+from featherfx.shot.options import ShotOptions
 from featherfx.shot.read.read import check_file
 from featherfx.shot.types import Shot
 
@@ -188,9 +188,9 @@ def _try_motion(shot: Shot) -> None:
         return
     # what only directed shots load
     from featherfx.shot.direction.channels import FELT, warn_of_unfelt
-    from featherfx.shot.direction.shapes import refuse_other_shapes
+    from featherfx.shot.direction.targets import refuse_other_shapes
     from featherfx.shot.loop.run import drawn_feathers
-    from featherfx.shot.options.options import resolve_options
+    from featherfx.shot.options import resolve_options
 
     felt = any(channel.name in FELT for channel in shot.channels)
     drawn = drawn_feathers(shot) if shot.targets or felt else ()

@@ -29,8 +29,7 @@ from featherfx.errors import InputError, Problem, as_figure, warn_input
 from featherfx.files.atomic_write import standing, write_text
 from featherfx.groom.document import Document
 from featherfx.groom.read.toml_text import toml_text
-from featherfx.shot.flock.shots import frame_times, near_tables, replay_tables
-from featherfx.shot.flock.types import (
+from featherfx.shot.flock import (
     FAR_BIRD,
     MIDDLE_BIRD,
     NEAR_BIRD,
@@ -38,6 +37,9 @@ from featherfx.shot.flock.types import (
     Bird,
     FlockShot,
     bird_poses,
+    frame_times,
+    near_tables,
+    replay_tables,
 )
 from featherfx.shot.read.flock import read_flock
 from featherfx.usd.read.cache import Cache

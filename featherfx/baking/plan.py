@@ -23,7 +23,7 @@ from featherfx.files.atomic_write import write_text
 from featherfx.groom.document import Document
 from featherfx.groom.presets.folders import SHIPPED_PRESETS, own_folders
 from featherfx.limits import TASK_HOURS
-from featherfx.shot.flock.types import FlockShot
+from featherfx.shot.flock import FlockShot
 from featherfx.shot.loop.placement import place_feathers
 from featherfx.shot.partition.partition import most_shares, share_count
 from featherfx.shot.types import Shot

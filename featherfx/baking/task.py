@@ -43,8 +43,8 @@ from featherfx.usd.write.output import (
 from featherfx.usd.write.unfinished_cache import refuse_unfinished
 
 if TYPE_CHECKING:
-    from featherfx.shot.flock.types import FlockShot
-    from featherfx.shot.options.options import ShotOptions
+    from featherfx.shot.flock import FlockShot
+    from featherfx.shot.options import ShotOptions
     from featherfx.shot.skin import BoundSkin
     from featherfx.usd.write.previous_cache import PreviousCache
     from featherfx.usd.write.stages import Bodies

@@ -45,7 +45,7 @@ from featherfx.phases import Account, phase
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.options.options import (
+from featherfx.shot.options import (
     FeatherOptions,
     ShotOptions,
     resolve_options,

@@ -10,7 +10,7 @@ import numpy as np
 from featherfx.algebra.types import Flags, Indices
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.options.options import resolve_options
+from featherfx.shot.options import resolve_options
 from featherfx.shot.partition.partition import shot_islands
 from featherfx.shot.patterns import may_touch, part_of
 from featherfx.shot.types import Detail, Shot

@@ -13,7 +13,7 @@ from featherfx.cli.program import Program, leave, use_utf8
 # module of featherfx.cli that holds each command, and what it does
 _COMMANDS = {
     "bake": ("bake", "Simulate a shot and write it to USD."),
-    "bench": ("bench", "Measure run time against error."),
+    "bench": ("lab.measure", "Measure run time against error."),
     "check": ("check", "Check grooms, presets, shots and USD files; measure caches."),
     "completion": ("install", "Print what makes a shell complete commands and options."),
     "doctor": ("install", "Whether this install works, and what it is made of."),
@@ -24,14 +24,14 @@ _COMMANDS = {
     "join": ("farm", "Join a cache that was baked in shares of its feathers."),
     "lab": ("lab.measure", "Virtual experiments on rods and feathers."),
     "plugins": ("install", "List plugins for other programs, and install them."),
-    "presets": ("presets", "List presets and show what they hold."),
-    "preview": ("preview", "Draw a USD file to pictures or films."),
+    "presets": ("install", "List presets and show what they hold."),
+    "preview": ("view", "Draw a USD file to pictures or films."),
     "retime": ("export", "Write a cache slower, faster, or as a loop."),
-    "sample": ("presets", "Copy a sample, a groom and a shot to start from."),
-    "schema": ("presets", "Print the JSON Schema of grooms, shots or presets."),
+    "sample": ("install", "Copy a sample, a groom and a shot to start from."),
+    "schema": ("install", "Print the JSON Schema of grooms, shots or presets."),
     "sculpt": ("export", "Write a cache with feathers that are corrected by hand."),
     "stats": ("stats", "Counts, overlap and expected cost."),
-    "trace": ("presets", "Make a feather preset of a picture."),
+    "trace": ("install", "Make a feather preset of a picture."),
     "tune": ("view", "Change presets with sliders, in a browser, while feathers move."),
     "view": ("view", "Play a cache, groom or shot in a browser, or write it as one HTML file."),
 }

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.algebra.rotation import frames_to_quats, quats_to_frames, rotation_vectors
 from featherfx.algebra.types import Array
-from featherfx.algebra.vectors import dots
+from featherfx.algebra.vectors import dots, frames_to_quats, quats_to_frames, rotation_vectors
 from featherfx.feather.profiles import (
     at_places,
     barb_bending,

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vectors import from_rotation_vector
 from featherfx.render.light_kernels import Lens
 from featherfx.shot.sources import View
 

@@ -33,7 +33,7 @@ from featherfx.files.atomic_write import standing
 from featherfx.groom.regions.regions import Tracts
 from featherfx.groom.types import Groom
 from featherfx.render.camera import tile_size
-from featherfx.render.colour import CROSSED, Legend
+from featherfx.render.subject import CROSSED, Legend
 from featherfx.usd.check.measures import measure_overlap
 from featherfx.usd.check.skins import sample_triangles
 

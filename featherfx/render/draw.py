@@ -29,9 +29,8 @@ from featherfx.render.camera import (
     turntable,
     whole,
 )
-from featherfx.render.colour import Bar, Legend, ramp_colours
 from featherfx.render.options import SHEET_FRAMES, PictureOptions, check_pixels
-from featherfx.render.subject import Subject, open_subject
+from featherfx.render.subject import Bar, Legend, Subject, open_subject, ramp_colours
 from featherfx.render.tracer import ROWS_AT_ONCE, Tracer
 from featherfx.usd.read.scenes import find_camera
 from featherfx.usd.write.output import find_file_problems

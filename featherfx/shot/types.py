@@ -438,7 +438,7 @@ class Shot(ByValue, Documented):
 
     skin: the groom's roots on their skin, where the motion is of kind "skin"; surfaces: what they
     are to be bound to, until shot/loop/placement.py has done so. exposure: (F,) to the wind, of
-    feathers on a skin (loads/shelter.py). wind_source: added to wind. time_codes_per_second: of
+    feathers on a skin (loop/shelter.py). wind_source: added to wind. time_codes_per_second: of
     what is written; None: frames_per_second.
     colliders: meshes that feathers touch where there is contact. contact: None: feathers pass
     through each other and through colliders. run_up: how what moves is brought up from rest before

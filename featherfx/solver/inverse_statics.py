@@ -21,8 +21,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.rotation import frames_to_quats, quats_to_frames, vectors_to_frames
 from featherfx.algebra.types import Array, Flags
+from featherfx.algebra.vectors import frames_to_quats, quats_to_frames, vectors_to_frames
 from featherfx.feather.types import barb_slice
 from featherfx.mechanics.model import Model, no_loads
 from featherfx.mechanics.ribbon_kernels import curl_energy

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import along_rows, frames_to_quats, quats_to_frames
 from featherfx.algebra.types import Array, Flags
+from featherfx.algebra.vectors import along_rows, frames_to_quats, quats_to_frames
 from featherfx.feather.types import RowPoints
 from featherfx.jit.compiled import KernelModule
 from featherfx.mechanics.model import Gaps, Model

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.files.atomic_write import Standing, standing
-from featherfx.render.colour import (
+from featherfx.render.geometry import DrawnPose, DrawnScene, load_points, load_scene
+from featherfx.render.subject import (
     CROSSED,
     DIVERGING,
     HOOKS,
@@ -30,11 +31,11 @@ from featherfx.render.colour import (
     linear,
     look_colours,
     ramp_colours,
+    scenery_colours,
+    scenery_of_shot,
     strain_across_barbs,
     value_limits,
 )
-from featherfx.render.geometry import DrawnPose, DrawnScene, load_points, load_scene
-from featherfx.render.subject import scenery_colours, scenery_of_shot
 from featherfx.usd.check.measures import CrossedPoints
 from featherfx.usd.convert.levels import ThinnedMesh, make_levels, thin_feathers
 from featherfx.usd.read.cache import Cache

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from featherfx.algebra.rotation import (
+from featherfx.algebra.vectors import (
     frames_to_quats,
     quats_to_frames,
     rotation_vectors,

@@ -17,7 +17,7 @@ finally:
 # features of a bake that options ask for, and other commands
 UNUSED = """
     baking.accuracy baking.trial baking.stats baking.reuse baking.shares baking.plan baking.install
-    cli.farm cli.check cli.view cli.presets cli.export cli.stats farm lab render trace view
+    cli.farm cli.check cli.view cli.install cli.export cli.stats farm lab render trace view
 """
 
 

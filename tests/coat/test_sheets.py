@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from featherfx.algebra.rotation import from_rotation_vector
+from featherfx.algebra.vectors import from_rotation_vector
 from featherfx.coat.sheets import raise_onto, sew_fan
 
 LENGTH = 0.15

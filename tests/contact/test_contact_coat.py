@@ -6,7 +6,7 @@ import pytest
 
 from featherfx.api import read_shot
 from featherfx.errors import InputWarning
-from featherfx.lab.measure.plumage import write_patch
+from featherfx.lab.plumage import write_patch
 from featherfx.shot.loop.simulate import simulate
 
 COUNT = 100

@@ -10,7 +10,7 @@ import pytest
 import trimesh
 from shingled import in_line, least_gap
 
-from featherfx.algebra.rotation import from_rotation_vector
+from featherfx.algebra.vectors import from_rotation_vector
 from featherfx.errors import InputWarning
 from featherfx.groom.types import Joint
 from featherfx.shot.frames import Frame

@@ -10,8 +10,8 @@ from crossed import crossed
 from scipy.optimize import minimize
 
 import featherfx
-from featherfx.algebra.rotation import frames_from
 from featherfx.algebra.surface_elements import weld
+from featherfx.algebra.vectors import frames_from
 from featherfx.api import scene_readers
 from featherfx.errors import InputError, InputWarning
 from featherfx.feather.build import build_feather, distinct_shapes, scale_feather
@@ -26,7 +26,7 @@ from featherfx.groom.presets.kinds import Change, adjusted, kind_of
 from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.read.read import read_groom
 from featherfx.groom.types import Placement, Turning
-from featherfx.lab.measure.plumage import write_patch
+from featherfx.lab.plumage import write_patch
 from featherfx.shot.loop.placement import lay_out
 from featherfx.usd.read.cache import Cache
 

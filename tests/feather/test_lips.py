@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from featherfx.algebra.rotation import from_rotation_vector
+from featherfx.algebra.vectors import from_rotation_vector
 from featherfx.feather.build import build_feather
 from featherfx.feather.splits import SplitEdges, difference_rates
 from featherfx.feather.types import RowPoints, both, turned

@@ -15,7 +15,7 @@ from pxr import Gf, Usd, UsdGeom
 import featherfx
 from featherfx.api import scene_readers
 from featherfx.errors import InputError, InputWarning
-from featherfx.shot.flock.types import GRAVITY, Spline, bird_poses
+from featherfx.shot.flock import GRAVITY, Spline, bird_poses
 from featherfx.shot.read.flock import read_flock
 
 GROOM = """

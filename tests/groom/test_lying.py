@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from featherfx.algebra.rotation import frames_from
+from featherfx.algebra.vectors import frames_from
 from featherfx.groom.regions.drape import SkinBends, bends_of_skin, laid_along
 from featherfx.groom.skin.points import SkinSurface
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from featherfx.algebra.rotation import from_rotation_vector, rotation_vectors
+from featherfx.algebra.vectors import from_rotation_vector, rotation_vectors
 from featherfx.baking.export import export_groom
 from featherfx.errors import InputError
 from featherfx.groom.presets.presets import list_presets

@@ -10,7 +10,7 @@ import featherfx
 from featherfx.jit.compiled import ARGUMENTS, kernel_entry
 from featherfx.jit.kernel_calls import TupleKind, describe_arguments, make_arguments
 from featherfx.mechanics.model import no_loads
-from featherfx.shot.loads.loads import frame_loads
+from featherfx.shot.loads import frame_loads
 
 EXPECTED = json.loads(ARGUMENTS.read_text())
 ANEW = "Write them anew: featherfx lab measure calls"

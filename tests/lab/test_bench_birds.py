@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from featherfx.lab.bench import birds
+from featherfx.lab.bench import skips
 
-TINY = birds.BirdExtent(frames=2, feathers=12, qualities=("draft", 0.5), swan=300)
+TINY = skips.BirdExtent(frames=2, feathers=12, qualities=("draft", 0.5), swan=300)
 
 
 def test_finer_qualities_come_nearer_to_the_reference(monkeypatch):
-    monkeypatch.setattr(birds, "SCENES", {"swan layered": None})
+    monkeypatch.setattr(skips, "SCENES", {"swan layered": None})
     told = []
-    rows = birds.measure_birds(TINY, lambda done, total: told.append((done, total)))
+    rows = skips.measure_birds(TINY, lambda done, total: told.append((done, total)))
     assert told == [(1, 2), (2, 2)]
     assert [row["quality"] for row in rows] == ["draft", "0.5 %"]
     assert set(rows[0]) == {

@@ -9,8 +9,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from featherfx.errors import InputError
-from featherfx.lab.contact.experiments import ContactTest, TouchingPlates, energy_gain, run_contact
-from featherfx.lab.contact.plates import (
+from featherfx.lab.contact import ContactTest, TouchingPlates, energy_gain, run_contact
+from featherfx.lab.plates import (
     BENDING,
     LENGTH,
     Plate,

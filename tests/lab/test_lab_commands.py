@@ -9,7 +9,7 @@ from places import SAMPLES
 
 from featherfx.cli.lab.experiments import COMMANDS, EXPERIMENTS
 from featherfx.cli.lab.measure import lab
-from featherfx.lab.measure.program import shot_figures
+from featherfx.lab.program import shot_figures
 from featherfx.lab.studies.study import STUDIES
 
 ROD = ("--length", "0.3", "--ei", "2e-3")

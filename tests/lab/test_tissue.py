@@ -7,7 +7,7 @@ import pytest
 from commands import invoke
 
 from featherfx.errors import InputError
-from featherfx.lab.networks.tissue import (
+from featherfx.lab.networks.unit_cell import (
     LAWS,
     arnoux,
     fit_tissue,

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, minimize
 from trial_batches import barb_slopes, random_quat
 
-from featherfx.algebra.rotation import quats_to_frames
+from featherfx.algebra.vectors import quats_to_frames
 from featherfx.mechanics.barb_kernels import barb_points
 from featherfx.mechanics.vane_rest import MIN_BARB_STIFFNESS, curvature_shapes
 

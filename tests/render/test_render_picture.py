@@ -13,7 +13,10 @@ from PIL import Image
 from pxr import Usd, UsdGeom, Vt
 
 from featherfx.errors import InputError
-from featherfx.render.colour import (
+from featherfx.render.geometry import DrawnPose, load_pose, load_scene
+from featherfx.render.options import _COLOURS, _VIEWS
+from featherfx.render.picture import render
+from featherfx.render.subject import (
     Bar,
     Legend,
     linear,
@@ -21,9 +24,6 @@ from featherfx.render.colour import (
     strain_across_barbs,
     value_colours,
 )
-from featherfx.render.geometry import DrawnPose, load_pose, load_scene
-from featherfx.render.options import _COLOURS, _VIEWS
-from featherfx.render.picture import render
 from featherfx.render.tracer import backdrop
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.write.cache_writer import CacheWriter

@@ -13,7 +13,7 @@ from places import SAMPLES
 from featherfx.algebra.types import Array
 from featherfx.feather.types import Feather, barb_slice
 from featherfx.shot.frames import place
-from featherfx.shot.loads.loads import grip_fraction
+from featherfx.shot.loads import grip_fraction
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.read.read import read_shot

@@ -12,7 +12,7 @@ from farm.farm_cases import SerialEngine, options_of
 from usd_meshes import SQUARE, define_mesh, new_stage
 
 import featherfx
-from featherfx.algebra.rotation import from_angles
+from featherfx.algebra.vectors import from_angles
 from featherfx.baking import pipeline
 from featherfx.errors import InputError
 from featherfx.farm.job import Job

@@ -14,7 +14,7 @@ from places import SAMPLES
 from pxr import Usd, UsdGeom
 
 import featherfx
-from featherfx.algebra.rotation import vectors_to_frames
+from featherfx.algebra.vectors import vectors_to_frames
 from featherfx.feather.crossings import find_intersections, make_patches
 from featherfx.feather.leaves import lay_out
 from featherfx.feather.placed_feathers import build_feathers

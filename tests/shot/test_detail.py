@@ -10,7 +10,7 @@ from places import SAMPLES
 
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.options.options import resolve_options
+from featherfx.shot.options import resolve_options
 from featherfx.shot.read.read import read_shot
 
 

@@ -12,7 +12,7 @@ from pxr import Usd, UsdGeom, UsdSkel, Vt
 from scipy.spatial.transform import Rotation
 
 import featherfx
-from featherfx.algebra.rotation import from_angles
+from featherfx.algebra.vectors import from_angles
 from featherfx.errors import InputError
 from featherfx.shot.motion.joint_tracks import find_tracks
 from featherfx.shot.motion.motion import root_motion

@@ -12,7 +12,7 @@ from places import SAMPLES
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import LEADING, barb_slice
-from featherfx.shot.loads.loads import force_at, force_weights, frame_loads, hat_integrals
+from featherfx.shot.loads import force_at, force_weights, frame_loads, hat_integrals
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.types import Force, Shot

@@ -7,7 +7,7 @@ import pytest
 from commands import invoke
 from places import SAMPLES
 
-from featherfx.algebra.rotation import quats_to_frames
+from featherfx.algebra.vectors import quats_to_frames
 from featherfx.api import read_shot
 from featherfx.shot.motion.joint_tracks import find_tracks, frame_rows
 

@@ -11,7 +11,7 @@ from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
 from usd_meshes import SQUARE, define_mesh
 
 import featherfx
-from featherfx.algebra.rotation import from_rotation_vector
+from featherfx.algebra.vectors import from_rotation_vector
 from featherfx.errors import InputError
 from featherfx.groom.read.read import read_groom
 from featherfx.shot.motion.flap import folding

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from places import SAMPLES
 
-from featherfx.algebra.rotation import vectors_to_frames
+from featherfx.algebra.vectors import vectors_to_frames
 from featherfx.groom.types import Placement
 from featherfx.shot.clock import StageClock
-from featherfx.shot.loads import shelter
-from featherfx.shot.loads.loads import exposures
-from featherfx.shot.loads.shelter import LEAST, lying_exposures
+from featherfx.shot.loads import exposures
+from featherfx.shot.loop import shelter
+from featherfx.shot.loop.shelter import LEAST, lying_exposures
 from featherfx.shot.patterns import part_of
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.skin import SkinSurfaces

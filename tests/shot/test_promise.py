@@ -19,7 +19,7 @@ from featherfx.shot.loop.calibration import stratify
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.options.options import (
+from featherfx.shot.options import (
     TIME,
     common_tolerance,
     first_grid,

@@ -10,7 +10,7 @@ import pytest
 from places import SAMPLES
 
 from featherfx.errors import InputError
-from featherfx.shot.loads.loads import exposures
+from featherfx.shot.loads import exposures
 from featherfx.shot.loop.placement import place_feathers
 from featherfx.shot.loop.simulate import Simulation, simulate
 from featherfx.shot.motion.motion import root_motion

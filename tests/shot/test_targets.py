@@ -13,7 +13,7 @@ from pxr import Usd, UsdGeom, Vt
 
 import featherfx
 from featherfx.errors import InputError, InputWarning
-from featherfx.shot.direction.shapes import _shortest, along_line
+from featherfx.shot.direction.targets import _shortest, along_line
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.partition.dependence import motion_dependences

@@ -20,7 +20,7 @@ from featherfx.render.geometry import load_points
 from featherfx.render.light_kernels import VANE
 from featherfx.render.options import PictureOptions
 from featherfx.render.subject import open_subject
-from featherfx.shot.hooks.wet import Water, clumping
+from featherfx.shot.loop.hooks import Water, clumping
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.partition.dependence import motion_dependences
 from featherfx.shot.patterns import last_fitting

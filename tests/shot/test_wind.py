@@ -9,8 +9,8 @@ from places import SAMPLES
 from featherfx.feather.build import build_feather
 from featherfx.lab.bench.promise import errors, fixed_quality, run
 from featherfx.mechanics.air_kernels import sample_wind
-from featherfx.shot.loads.loads import frame_loads, wind_field
-from featherfx.shot.loop.sheltered_wind import sheltered
+from featherfx.shot.loads import frame_loads, wind_field
+from featherfx.shot.loop.shelter import sheltered
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.types import Wind
 

@@ -11,8 +11,7 @@ import pytest
 from commands import invoke
 from test_bird_motions import BIRD, SHOT, read
 
-from featherfx.algebra.rotation import about_x, rotation_vectors
-from featherfx.algebra.vectors import unit
+from featherfx.algebra.vectors import about_x, rotation_vectors, unit
 from featherfx.errors import InputError, InputWarning
 from featherfx.shot.motion.beat import wing_axes
 from featherfx.shot.motion.joint_tracks import find_tracks

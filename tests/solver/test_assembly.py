@@ -17,7 +17,7 @@ from trial_batches import (
     turned,
 )
 
-from featherfx.algebra.rotation import quats_to_frames, rotation_vectors
+from featherfx.algebra.vectors import quats_to_frames, rotation_vectors
 from featherfx.feather.types import RowPoints
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.scratch import make_scratch, make_strains

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from trial_batches import at_origin, preset_kind, random_quat
 
-from featherfx.algebra.rotation import quats_to_frames
+from featherfx.algebra.vectors import quats_to_frames
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import both
 from featherfx.lab.ribbons.rod import total_energy

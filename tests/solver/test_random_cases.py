@@ -9,7 +9,7 @@ from judged_cases import ENERGY_SLACK, energies, run_case
 
 from featherfx.errors import SimulationError
 from featherfx.mechanics.model import no_loads
-from featherfx.shot.loop.counts import Bounds, Counts
+from featherfx.shot.loop.groups import Bounds, Counts
 from featherfx.solver.solver import (
     MAX_NEWTON_ITERATIONS,
     Settings,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from trial_batches import random_quat, rotation_of
 
-from featherfx.algebra.rotation import quats_to_frames
+from featherfx.algebra.vectors import quats_to_frames
 from featherfx.solver.state import RootPath
 from featherfx.solver.step.pose_kernels import root_at
 

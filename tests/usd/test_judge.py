@@ -13,7 +13,7 @@ from pxr import Usd, UsdGeom, Vt
 from usd_meshes import define_mesh, level_grid, new_stage
 
 import featherfx
-from featherfx.algebra.rotation import about_x
+from featherfx.algebra.vectors import about_x
 from featherfx.baking.entries import entries_of
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import RowPoints, both, turned

@@ -12,7 +12,7 @@ from places import SAMPLES
 from pxr import Sdf, Usd, UsdGeom
 
 import featherfx
-from featherfx.algebra.rotation import about_x
+from featherfx.algebra.vectors import about_x
 from featherfx.baking.entries import drawn_entries, entries_of
 from featherfx.baking.options import DrawnOptions
 from featherfx.errors import InputError

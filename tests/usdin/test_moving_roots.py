@@ -7,9 +7,9 @@ from scipy.spatial.transform import Rotation
 
 import featherfx
 from featherfx.shot.clock import StageClock
+from featherfx.shot.load_estimate import estimate_loads
 from featherfx.shot.motion.cuts import CutRoots
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.options.load_estimate import estimate_loads
 from featherfx.shot.patterns import part_of
 from featherfx.shot.roots import PickedRoots, RunUp, RunUpRoots, some_roots
 

@@ -92,7 +92,7 @@ def test_a_field_of_points(tmp_path):
 
 
 def test_a_scenes_wind_at_each_root_is_added_to_the_wind_of_the_shot(tmp_path):
-    from featherfx.shot.loads.loads import frame_loads
+    from featherfx.shot.loads import frame_loads
 
     stage = new_stage(tmp_path / "air.usda")
     air = UsdGeom.Points.Define(stage, "/air")

@@ -12,7 +12,7 @@ import click
 from featherfx.cli.lab.options_from import Experiment, command_from, report
 from featherfx.cli.options import presets_option, readable_path
 from featherfx.files.atomic_write import write_text
-from featherfx.lab.contact.experiments import ContactTest, run_contact
+from featherfx.lab.contact import ContactTest, run_contact
 from featherfx.lab.feathers.feather import (
     FallTest,
     FeatherTest,
@@ -32,8 +32,15 @@ from featherfx.lab.networks.experiments import (
     precondition,
 )
 from featherfx.lab.networks.rupture import RuptureTest, run_rupture
-from featherfx.lab.networks.tissue import LAWS, fit_tissue, read_tissue
-from featherfx.lab.networks.unit_cell import CellTest, cell_moduli, vane_of, vane_text
+from featherfx.lab.networks.unit_cell import (
+    LAWS,
+    CellTest,
+    cell_moduli,
+    fit_tissue,
+    read_tissue,
+    vane_of,
+    vane_text,
+)
 from featherfx.lab.ribbons.experiments import HangTest, blown, hang
 from featherfx.lab.ribbons.rod import (
     BendTest,

@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.algebra.types import Array
-from featherfx.algebra.vectors import unit
+from featherfx.algebra.vectors import from_rotation_vector, unit
 from featherfx.errors import all_of, warn_input
 from featherfx.groom.anatomy.bird_tracts import WingCover, filled, find_tracts, tuples
 from featherfx.groom.anatomy.drape import Beneath, Body, beneath, lie_on

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import from_rotation_vector
 from featherfx.groom.anatomy.pose import folded
 from featherfx.groom.anatomy.remiges import (
     Remiges,

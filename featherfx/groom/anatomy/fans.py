@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.rotation import (
+from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import (
     about_x,
     frames_from,
     from_rotation_vector,
@@ -16,7 +17,6 @@ from featherfx.algebra.rotation import (
     parallel,
     screws_of,
 )
-from featherfx.algebra.types import Array
 from featherfx.groom.anatomy.remiges import spread_evenly
 from featherfx.groom.course import along_polyline
 from featherfx.groom.keys.problems import Place

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.algebra.rotation import frames_from, parallel
+from featherfx.algebra.vectors import frames_from, parallel
 from featherfx.groom.anatomy.fans import crest, tail
 from featherfx.groom.anatomy.wing import wing
 from featherfx.groom.course import Mirror

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from featherfx.algebra.rotation import frames_from, parallel
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import frames_from, parallel
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.skin.skin import closest
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from featherfx.algebra.rotation import frames_from, from_rotation_vector, rotation_vectors
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import frames_from, from_rotation_vector, rotation_vectors
 from featherfx.groom.keys.anatomy import WingType
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from featherfx.algebra.rotation import frames_from
 from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vectors import frames_from
 from featherfx.groom.anatomy.pose import WingBones, spread_plan
 from featherfx.groom.anatomy.sheet import Sheet
 from featherfx.groom.keys.anatomy import CovertRow, WingType

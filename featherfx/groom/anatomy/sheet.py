@@ -19,9 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.algebra.rotation import frames_from, rotation_part, vectors_to_frames
 from featherfx.algebra.types import Array
-from featherfx.algebra.vectors import unit
+from featherfx.algebra.vectors import frames_from, rotation_part, unit, vectors_to_frames
 
 _STATIONS = 25  # sections of a trunk
 _DEGREE = 3  # of their sizes along it

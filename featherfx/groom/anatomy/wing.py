@@ -16,9 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.rotation import from_rotation_vector, motions, screws_of
 from featherfx.algebra.types import Array, Indices
-from featherfx.algebra.vectors import applied, unit
+from featherfx.algebra.vectors import applied, from_rotation_vector, motions, screws_of, unit
 from featherfx.errors import InputWarning, all_of, count_feathers
 from featherfx.groom.anatomy.bands import MAX_SLANT, FoldedRow, marks_of
 from featherfx.groom.anatomy.pose import WingBones, as_placed, folded

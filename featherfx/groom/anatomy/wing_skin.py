@@ -16,9 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from featherfx.algebra.rotation import frames_from
 from featherfx.algebra.types import Array
-from featherfx.algebra.vectors import face_products, unit
+from featherfx.algebra.vectors import face_products, frames_from, unit
 from featherfx.groom.anatomy.pose import WingBones
 from featherfx.groom.anatomy.remiges import Remiges, frames_at
 from featherfx.groom.skin.field import search_tree

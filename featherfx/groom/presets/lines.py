@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.interpolation import monotone
-from featherfx.algebra.rotation import parallel
 from featherfx.algebra.types import Array, Flags
-from featherfx.algebra.vectors import arc_lengths
+from featherfx.algebra.vectors import arc_lengths, parallel
 from featherfx.groom.course import bends
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.read.rachis_curve import (

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from featherfx.algebra.rotation import frames_from, from_angles, interpolated, parallel, transported
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import frames_from, from_angles, interpolated, parallel, transported
 from featherfx.errors import all_of, warn_input
 from featherfx.groom.course import Mirror, along_polyline
 from featherfx.groom.keys.problems import Place

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.algebra.rotation import frames_from, parallel
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import frames_from, parallel
 from featherfx.errors import all_of, some_of, warn_input
 from featherfx.groom.keys.groom import DEFAULT_PRIMVARS
 from featherfx.groom.keys.preset import FEATHER_KEYS

@@ -27,9 +27,8 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.algebra.rotation import frames_from
 from featherfx.algebra.types import Array, Indices
-from featherfx.algebra.vectors import unit
+from featherfx.algebra.vectors import frames_from, unit
 from featherfx.groom.course import chord_angle, shaft, turn
 from featherfx.groom.types import FeatherKind, RachisShape, VaneShape
 

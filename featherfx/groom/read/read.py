@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.algebra.rotation import about_x
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import about_x
 from featherfx.errors import warn_input
 from featherfx.groom.keys.groom import GROOM_FILE
 from featherfx.groom.keys.problems import INVALID, MAX_REPORTED, Place, Problems, closest

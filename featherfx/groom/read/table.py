@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import frames_from, parallel
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import frames_from, parallel
 from featherfx.errors import CONTROL
 from featherfx.groom.keys.groom import TABLE_KEYS
 from featherfx.groom.keys.problems import MAX_REPORTED, Place, Problems

@@ -12,9 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.rotation import vectors_to_frames
 from featherfx.algebra.types import Array
-from featherfx.algebra.vectors import dots, unit
+from featherfx.algebra.vectors import dots, unit, vectors_to_frames
 from featherfx.groom.skin.points import SkinSurface, SurfacePoints
 
 # a skin that falls off further is not followed

@@ -14,8 +14,8 @@ from zlib import crc32
 
 import numpy as np
 
-from featherfx.algebra.rotation import frames_from
 from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vectors import frames_from
 from featherfx.errors import all_of, some_of, warn_input
 from featherfx.files.disk_cache import kept
 from featherfx.groom.keys.problems import INVALID, Place

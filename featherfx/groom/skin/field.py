@@ -17,9 +17,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.rotation import rotation_part
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.algebra.vectors import dots, face_products, unit
+from featherfx.algebra.vectors import dots, face_products, rotation_part, unit
 
 # of the mean square distance, by which the centring of weights is held back where triangles stand
 # in a line

@@ -40,7 +40,7 @@ from featherfx.groom.presets.presets import list_presets, load_preset
 from featherfx.groom.types import FeatherKind
 from featherfx.shot.loop.contact_error import add_contact_error
 from featherfx.shot.loop.simulate import simulate
-from featherfx.shot.options.options import MAX_COEFFICIENTS, FeatherOptions
+from featherfx.shot.options import MAX_COEFFICIENTS, FeatherOptions
 from featherfx.shot.patterns import part_of
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.types import Shot

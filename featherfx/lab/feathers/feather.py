@@ -35,9 +35,10 @@ from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.kinds import kind_of
 from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.types import FeatherKind, Groom, Placement
+from featherfx.jit.compiled import kernel
 from featherfx.lab.declare import FINITE, POSITIVE, Range, out_of_range, value
-from featherfx.lab.feathers.repeat_kernels import repeat_iteration, repeat_nodal_iteration
 from featherfx.lab.nodal.model import NodalModel, nodal_model
+from featherfx.lab.nodal.newton_kernels import nodal_assemble
 from featherfx.lab.nodal.solver import (
     NodalSolver,
     NodalState,
@@ -51,15 +52,17 @@ from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Loads, Model, no_loads
 from featherfx.mechanics.node_kernels import node_forces
 from featherfx.mechanics.vane_rest import barb_nodes
-from featherfx.shot.loads.loads import SHAFT_DRAG, frame_loads
+from featherfx.shot.loads import SHAFT_DRAG, frame_loads
 from featherfx.shot.motion.motion import root_motion, root_path
 from featherfx.shot.types import Grip, Motion, Quality, Shot, Wind
 from featherfx.solver.damping import with_damping
 from featherfx.solver.scratch import make_scratch
 from featherfx.solver.solver import Settings, Solver, hold_roots, raise_if_failed
 from featherfx.solver.state import State, rest_state
+from featherfx.solver.step.assembly_kernels import assemble
+from featherfx.solver.step.banded_kernels import factorise, solve_factored
 from featherfx.solver.step.modes import DampedModes, damped_modes
-from featherfx.solver.types import IntegratorFactors
+from featherfx.solver.types import WHOLE_STIFFNESS, IntegratorFactors
 
 Kinematics = Literal["nodal", "barb-curvature"]
 
@@ -282,6 +285,36 @@ def feather_kind(preset: str, preset_folders: tuple[str | Path, ...] = ()) -> Fe
 _TIMED_ITERATIONS, _TIMED_RUNS = 10, 8
 # repeat(factors, solve, count): that many iterations, with the factorisation if solve
 Repeat = Callable[[IntegratorFactors, bool, int], object]
+
+
+@kernel
+def repeat_iteration(model, loads, f, factors, solve, count, work):
+    """Assemble at the pose work.now count times and, if solve, factorise and solve as often.
+
+    Other arguments as in assemble. Returns how many matrices were positive definite.
+    """
+    good = 0
+    for _ in range(count):
+        assemble(model, loads, f, 0.0, factors, WHOLE_STIFFNESS, 0.0, work)
+        if solve and factorise(work.system.band, work.system.panel):
+            solve_factored(work.system.band, work.system.right)
+            good += 1
+    return good
+
+
+@kernel
+def repeat_nodal_iteration(model, nodal, loads, f, factors, solve, count, work):
+    """Assemble at the pose work.now count times and, if solve, factorise and solve as often.
+
+    Other arguments as in nodal_assemble. Returns how many matrices were positive definite.
+    """
+    good, system = 0, work.system
+    for _ in range(count):
+        nodal_assemble(model, nodal, loads, f, 0.0, factors, False, work)
+        if solve and factorise(system.band, system.panel):
+            solve_factored(system.band, system.right)
+            good += 1
+    return good
 
 
 def curvature_repeat(model: Model, loads: Loads, state: State) -> Repeat:

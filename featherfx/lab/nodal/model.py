@@ -31,8 +31,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.rotation import frames_to_quats
 from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.vectors import frames_to_quats
 from featherfx.errors import Problem, require
 from featherfx.feather.profiles import hooked_stiffness
 from featherfx.feather.types import Feather

@@ -13,8 +13,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.rotation import along_rows, frames_to_quats, quats_to_frames
 from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vectors import along_rows, frames_to_quats, quats_to_frames
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import RowPoints, both, turned
 from featherfx.lab.nodal.model import NodalModel

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from featherfx.lab.contact.experiments import ContactTest, run_contact
+from featherfx.lab.contact import ContactTest, run_contact
 from featherfx.lab.ribbons.oracles import (
     WAVE_NUMBERS,
     elastica_tip,

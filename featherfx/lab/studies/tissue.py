@@ -15,7 +15,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from featherfx.lab.networks.rupture import Fibre, Rupture, RuptureTest, run_rupture
-from featherfx.lab.networks.tissue import LAWS, arnoux, fit_tissue, incompressible, sacks
+from featherfx.lab.networks.unit_cell import LAWS, arnoux, fit_tissue, incompressible, sacks
 from featherfx.lab.studies.study import (
     LINE_COLOURS,
     Comparisons,

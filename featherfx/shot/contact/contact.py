@@ -35,7 +35,7 @@ from featherfx.shot.contact.steps import (
 )
 from featherfx.shot.frames import place
 from featherfx.shot.loop.free_group import skip_frame
-from featherfx.shot.options.options import ShotOptions
+from featherfx.shot.options import ShotOptions
 from featherfx.shot.types import Shot
 from featherfx.solver.contact.interval import ContactSolver
 from featherfx.solver.contact.interval_options import ContactReport, ContactSettings

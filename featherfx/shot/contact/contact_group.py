@@ -14,9 +14,8 @@ from featherfx.shot.contact.contact import MAX_NAMED, ShotContact
 from featherfx.shot.contact.islands import pushing_islands
 from featherfx.shot.contact.obstacles import Obstacles, obstacles_of
 from featherfx.shot.contact.root_inside_body import warn_of_sunk
-from featherfx.shot.loop.counts import Bounds
 from featherfx.shot.loop.free_group import is_at_rest, is_undisturbed, skip_frame
-from featherfx.shot.loop.groups import ALONE, FeatherGroup
+from featherfx.shot.loop.groups import ALONE, Bounds, FeatherGroup
 from featherfx.shot.loop.run import Arrays, ShotRun, Stage, prefixed, under
 from featherfx.shot.motion.motion import root_motion, root_path
 from featherfx.solver.solver import RootPath

@@ -24,7 +24,7 @@ from featherfx.shot.detail.guides import guide_weights
 from featherfx.shot.frames import place
 from featherfx.shot.loop.groups import ALONE
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.options.options import ShotOptions
+from featherfx.shot.options import ShotOptions
 from featherfx.shot.patterns import may_touch
 from featherfx.shot.roots import Roots
 from featherfx.shot.types import Shot

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import quats_to_frames, rotation_vectors, vectors_to_frames
+from featherfx.algebra.vectors import quats_to_frames, rotation_vectors, vectors_to_frames
 from featherfx.groom.types import Placement
 from featherfx.mechanics.model import Model
 from featherfx.solver.contact.surfaces import Grids

@@ -23,7 +23,7 @@ from featherfx.shot.detail.guided import Followers, Shapes
 from featherfx.shot.detail.guides import guide_weights
 from featherfx.shot.loop.groups import FeatherGroup
 from featherfx.shot.loop.models import maps_between, model_of
-from featherfx.shot.options.options import FeatherOptions, ShotOptions
+from featherfx.shot.options import FeatherOptions, ShotOptions
 from featherfx.shot.roots import RootFrames, Roots, arrived
 from featherfx.shot.types import Shot
 from featherfx.solver.contact.interval_options import LedMotion

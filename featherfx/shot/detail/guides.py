@@ -42,7 +42,7 @@ from featherfx.files.disk_cache import kept
 from featherfx.groom.skin.field import search_tree
 from featherfx.groom.skin.skin import closest
 from featherfx.limits import refuse_beyond_memory
-from featherfx.shot.options.options import ShotOptions
+from featherfx.shot.options import ShotOptions
 from featherfx.shot.roots import RootFrames, Roots, sampled_rates
 from featherfx.shot.sources import relative_sizes
 from featherfx.shot.types import LEVELS, UNSOLVED_LEVELS, LevelOfDetail, Shot

@@ -57,7 +57,7 @@ from featherfx.shot.detail.guided import INSTANT, Shapes, Turns
 from featherfx.shot.frames import FeatherPose
 from featherfx.shot.loop.groups import FeatherGroup, GroupLoad
 from featherfx.shot.loop.run import ShotLoad, ShotRun, Stage
-from featherfx.shot.options.options import FeatherOptions
+from featherfx.shot.options import FeatherOptions
 from featherfx.shot.patterns import fits, last_fitting
 from featherfx.shot.types import CHANNELS, Channel, Shot
 

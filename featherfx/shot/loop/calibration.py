@@ -45,6 +45,7 @@ from featherfx.files.content import digest, shot_settings
 from featherfx.files.disk_cache import keep, kept, kept_before, nothing_kept
 from featherfx.jit.compile_progress import working_time
 from featherfx.mechanics.batch import may_slip
+from featherfx.shot.load_estimate import Deflection, LoadEstimate
 from featherfx.shot.loop.window_runs import (
     FAILED_RUN,
     MIN_FALL,
@@ -59,8 +60,7 @@ from featherfx.shot.loop.window_runs import (
     simulate_window,
 )
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.options.load_estimate import Deflection, LoadEstimate
-from featherfx.shot.options.options import SPACE, TIME, first_grid, given_grid
+from featherfx.shot.options import SPACE, TIME, first_grid, given_grid
 from featherfx.shot.patterns import part_of
 from featherfx.shot.roots import NO_RUN_UP, PickedRoots, RootFrames, Roots, some_roots
 from featherfx.shot.types import MeasuredGrid, Shot

@@ -23,6 +23,7 @@ from featherfx.algebra.types import Array, Indices
 from featherfx.errors import SimulationError
 from featherfx.files.content import digest, shot_settings
 from featherfx.files.disk_cache import kept, nothing_kept
+from featherfx.shot.load_estimate import estimate_deflections, estimate_loads
 from featherfx.shot.loop.run import drawn_feathers, report_errors
 from featherfx.shot.loop.window_runs import (
     MIN_FALL,
@@ -35,8 +36,7 @@ from featherfx.shot.loop.window_runs import (
     simulate_window,
 )
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.options.load_estimate import estimate_deflections, estimate_loads
-from featherfx.shot.options.options import FeatherOptions, resolve_options
+from featherfx.shot.options import FeatherOptions, resolve_options
 from featherfx.shot.patterns import may_touch, part_of
 from featherfx.shot.roots import NO_RUN_UP
 from featherfx.shot.types import Shot

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from featherfx.algebra.rotation import quats_to_frames
+from featherfx.algebra.vectors import quats_to_frames
 from featherfx.errors import some_of, warn_input
 from featherfx.groom.types import Placement
 from featherfx.shot.types import Shot

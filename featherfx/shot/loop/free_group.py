@@ -33,8 +33,7 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import dots
 from featherfx.feather.types import turned
 from featherfx.mechanics.model import Loads
-from featherfx.shot.loop.counts import Bounds
-from featherfx.shot.loop.groups import ALONE, FeatherGroup
+from featherfx.shot.loop.groups import ALONE, Bounds, FeatherGroup
 from featherfx.shot.loop.run import ShotRun
 from featherfx.shot.motion.motion import root_path
 from featherfx.shot.roots import RootFrames, Roots

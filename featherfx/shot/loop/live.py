@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.rotation import along_rows, frames_to_quats, quats_to_frames
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import along_rows, frames_to_quats, quats_to_frames
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.jit.compiled import KernelModule
 from featherfx.mechanics.model import Model
 from featherfx.shot.frames import Frame
-from featherfx.shot.loads.loads import grip_node
+from featherfx.shot.loads import grip_node
 from featherfx.shot.loop.groups import FeatherGroup, grips_of
 from featherfx.shot.loop.simulate import Simulation
 from featherfx.shot.types import Grip, Wind

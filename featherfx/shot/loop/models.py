@@ -18,7 +18,7 @@ from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import FeatherKind, Placement, Splits
 from featherfx.mechanics.batch import make_model, may_slip, resized
 from featherfx.mechanics.model import Model
-from featherfx.shot.options.options import FeatherOptions
+from featherfx.shot.options import FeatherOptions
 from featherfx.solver.damping import with_damping
 
 # places of a groom whose maps are kept together

@@ -57,7 +57,7 @@ def place_feathers(shot: Shot) -> Shot:
     if not alone and min(last_fitting(shot.shelters, groom.feathers), default=0) < 0:
         instead = "or give all a share in [[shelter]], without which they shelter each other"
         _refuse_crowds(groom.feathers, str(shot.source), "groom", instead)
-        exposure = load_name("loads.shelter:lying_exposures")(groom.feathers, skin)
+        exposure = load_name("loop.shelter:lying_exposures")(groom.feathers, skin)
     return replace(
         shot, groom=groom, skin=skin, colliders=colliders, surfaces=None, exposure=exposure
     )

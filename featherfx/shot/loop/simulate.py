@@ -19,11 +19,10 @@ from featherfx.files.atomic_write import write_whole
 from featherfx.packages import brought
 from featherfx.phases import counted
 from featherfx.shot.frames import FeatherPose, Frame, not_finite
-from featherfx.shot.loop.counts import Counts
 from featherfx.shot.loop.free_group import free_groups, moving_with_roots
-from featherfx.shot.loop.groups import poses_of
+from featherfx.shot.loop.groups import Counts, poses_of
 from featherfx.shot.loop.run import Arrays, ShotRun, Stage, make_groups, prefixed, under
-from featherfx.shot.options.options import FeatherOptions, ShotOptions
+from featherfx.shot.options import FeatherOptions, ShotOptions
 from featherfx.shot.roots import RootFrames, Roots, root_rates
 from featherfx.shot.types import Shot
 from featherfx.solver.state import State

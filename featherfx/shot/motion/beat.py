@@ -51,8 +51,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from featherfx.algebra.interpolation import eased, eased_integral, monotone
-from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import from_rotation_vector
 from featherfx.groom.types import Groom, Joint
 from featherfx.shot.motion.joints import JointPoses, Skeleton, opened_poses, still_poses
 from featherfx.shot.motion.swings import trunk_of

@@ -10,7 +10,7 @@ from fnmatch import fnmatchcase
 
 import numpy as np
 
-from featherfx.algebra.rotation import from_angles, quats_to_frames
+from featherfx.algebra.vectors import from_angles, quats_to_frames
 from featherfx.shot.motion.joints import JointPoses, PosesOverTime, Skeleton, still_poses
 from featherfx.shot.types import Motion, Shot
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.interpolation import eased
-from featherfx.algebra.rotation import from_rotation_vector
+from featherfx.algebra.vectors import from_rotation_vector
 from featherfx.errors import Problem
 from featherfx.groom.types import Groom
 from featherfx.shot.motion.flap_fits import fitted_beat

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from featherfx.algebra.rotation import frames_to_quats, rotation_vectors
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import frames_to_quats, rotation_vectors
 from featherfx.groom.types import Joint
 from featherfx.shot.motion.beat import MIRROR, wing_axes
 from featherfx.shot.motion.joints import joint_roots, opened_poses, skeleton_of

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.rotation import (
+from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vectors import (
+    applied,
     shared_turns,
     vectors_to_frames,
 )
-from featherfx.algebra.types import Array, Indices
-from featherfx.algebra.vectors import applied
 from featherfx.errors import InputError
 from featherfx.groom.types import Groom
 from featherfx.shot.roots import RootFrames

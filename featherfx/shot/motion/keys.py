@@ -26,14 +26,14 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.algebra.rotation import (
+from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import (
     from_angles,
     from_rotation_vector,
     quats_to_frames,
     rotation_spline,
     rotation_steps,
 )
-from featherfx.algebra.types import Array
 from featherfx.shot.motion.cuts import named_cuts
 from featherfx.shot.motion.joints import JointPoses, PosesOverTime, Skeleton, still_poses
 from featherfx.shot.types import Motion, Shot

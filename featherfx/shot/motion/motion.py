@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from featherfx.algebra.interpolation import eased
-from featherfx.algebra.rotation import frames_to_quats, rotation_vectors, vectors_to_frames
 from featherfx.algebra.types import Array, Indices
-from featherfx.algebra.vectors import dots
+from featherfx.algebra.vectors import dots, frames_to_quats, rotation_vectors, vectors_to_frames
 from featherfx.groom.keys.preset import UNSCALED_CLOCK, Clock
 from featherfx.packages import MOTION_SOURCES, brought, load_name
 from featherfx.shot.clock import NO_CUTS

@@ -23,8 +23,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from featherfx.algebra.interpolation import smooth_step
-from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import from_rotation_vector
 from featherfx.shot.motion.body_joints import HEAD, NECK
 from featherfx.shot.motion.joints import JointPoses, PosesOverTime, Skeleton
 from featherfx.shot.motion.motion import scaled_turns

@@ -8,8 +8,8 @@ import math
 import numpy as np
 
 from featherfx.algebra.interpolation import smooth_step
-from featherfx.algebra.rotation import from_rotation_vector
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import from_rotation_vector
 from featherfx.errors import Problem
 from featherfx.groom.types import Groom
 from featherfx.shot.motion.body_joints import HEAD, NECK, TARSI

@@ -7,9 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from featherfx.algebra.rotation import motions, rotation_vectors, vectors_to_frames
 from featherfx.algebra.types import Array, Indices
-from featherfx.algebra.vectors import applied, dots, unit
+from featherfx.algebra.vectors import (
+    applied,
+    dots,
+    motions,
+    rotation_vectors,
+    unit,
+    vectors_to_frames,
+)
 from featherfx.groom.types import Groom
 from featherfx.shot.roots import RootFrames
 

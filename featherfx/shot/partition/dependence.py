@@ -18,9 +18,9 @@ from featherfx.files.content import digest, digests, members
 from featherfx.groom.types import Placement
 from featherfx.mechanics.batch import is_guarded
 from featherfx.packages import brought
-from featherfx.shot.loads.loads import exposures
+from featherfx.shot.loads import exposures
 from featherfx.shot.motion.motion import prepare_cuts, uncut_motion
-from featherfx.shot.options.options import ShotOptions, resolve_options
+from featherfx.shot.options import ShotOptions, resolve_options
 from featherfx.shot.patterns import last_fitting
 from featherfx.shot.roots import Roots
 from featherfx.shot.types import Shot

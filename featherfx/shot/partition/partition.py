@@ -112,7 +112,7 @@ def shot_islands(shot: Shot) -> Indices:
     # compiled code, which shares without contact do without
     from featherfx.shot.contact.islands import pushing_islands
     from featherfx.shot.motion.motion import root_motion
-    from featherfx.shot.options.options import resolve_options
+    from featherfx.shot.options import resolve_options
 
     drawn, motion = _drawn(shot), root_motion(shot)
     return pushing_islands(shot, drawn, motion, resolve_options(shot, drawn, motion))
@@ -128,7 +128,7 @@ def _shares(shot: Shot, count: int) -> Indices:
     """(F,) share of every feather, from 0."""
     # compiled code, which what is not shared out by guides does without
     from featherfx.shot.motion.motion import root_motion
-    from featherfx.shot.options.options import resolve_options
+    from featherfx.shot.options import resolve_options
 
     placements = shot.groom.feathers
     options = resolve_options(shot, _drawn(shot), root_motion(shot))

@@ -17,8 +17,7 @@ from featherfx.groom.presets.library import Library
 from featherfx.groom.read.readers import SceneReaders
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.shot.clock import StageClock
-from featherfx.shot.flock.shots import birds_on, look_at_birds, place_birds
-from featherfx.shot.flock.types import (
+from featherfx.shot.flock import (
     FLOCK_FILE,
     Bird,
     BirdGroup,
@@ -28,7 +27,10 @@ from featherfx.shot.flock.types import (
     SeenFrom,
     Spline,
     TurnedSpline,
+    birds_on,
+    look_at_birds,
     nearest_birds,
+    place_birds,
 )
 from featherfx.shot.read.read import read_preset, read_shot
 from featherfx.shot.sources import TimedCamera

@@ -24,9 +24,10 @@ from featherfx.groom.read.toml_text import told
 from featherfx.groom.types import Groom
 from featherfx.shot.motion.body_joints import with_body_joints
 from featherfx.shot.patterns import fits
-from featherfx.shot.read.clocks import DEFAULT_RATE, ClockReader
 from featherfx.shot.read.keys import SHOT_FILE
 from featherfx.shot.read.motion import (
+    DEFAULT_RATE,
+    ClockReader,
     check_driven,
     check_rates,
     read_motion,

@@ -30,7 +30,7 @@ from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.values import REQUIRED, JsonSchema, Key, Table, Tables, keys_of
 from featherfx.groom.materials import BarbLook, Colour, Pattern, Profile
 from featherfx.groom.types import GUIDE_KEYS, RACHIS_KEYS, Hooked, Splits, VaneShape
-from featherfx.shot.flock.types import FLOCK_FILE, FLOCK_KEYS
+from featherfx.shot.flock import FLOCK_FILE, FLOCK_KEYS
 from featherfx.shot.read import keys as shot_keys
 from featherfx.shot.read.keys import SHOT_FILE
 

@@ -16,7 +16,7 @@ from featherfx.groom.read.readers import SceneReaders
 from featherfx.groom.types import Groom
 from featherfx.provenance import StageRead, note_read
 from featherfx.shot.clock import StageClock
-from featherfx.shot.read.clocks import ClockReader
+from featherfx.shot.read.motion import ClockReader
 from featherfx.shot.skin import SkinSurfaces
 from featherfx.shot.sources import MovingSurface, OfScene, TimedCamera, TimedSurface, TimedWind
 from featherfx.shot.types import Channel, LevelOfDetail, Target

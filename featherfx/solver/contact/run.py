@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.rotation import vectors_to_frames
 from featherfx.algebra.thread_team import new_team
+from featherfx.algebra.vectors import vectors_to_frames
 from featherfx.algebra.views import ViewedTuples, Views, views_of
 from featherfx.files.process import limit_threads
 from featherfx.jit.compiled import KernelModule

@@ -18,9 +18,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
-from featherfx.algebra.rotation import shared_turns, vectors_to_frames
 from featherfx.algebra.types import Array, Floats, Indices
-from featherfx.algebra.vectors import face_products, unit, vertex_normals
+from featherfx.algebra.vectors import (
+    face_products,
+    shared_turns,
+    unit,
+    vectors_to_frames,
+    vertex_normals,
+)
 from featherfx.errors import InputError, Problem
 from featherfx.feather.types import LEADING, TRAILING, RowPoints
 from featherfx.files.atomic_write import standing

@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from pxr import Gf, Sdf, UsdGeom, Vt
 
-from featherfx.algebra.rotation import along_rows, frames_to_quats, rotation_part
 from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.vectors import along_rows, frames_to_quats, rotation_part
 from featherfx.errors import InputError, Problem
 from featherfx.phases import counted
 from featherfx.usd import arrays

@@ -25,16 +25,15 @@ import numpy as np
 from pxr import UsdGeom
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
-from featherfx.algebra.rotation import rotation_vectors, vectors_to_frames
 from featherfx.algebra.types import Array
-from featherfx.algebra.vectors import arc_lengths
+from featherfx.algebra.vectors import arc_lengths, rotation_vectors, vectors_to_frames
 from featherfx.errors import InputError, Problem, as_figure, require_type, warn_input
 from featherfx.feather.types import RowPoints, both, turned
 from featherfx.groom.course import along_polyline
 from featherfx.groom.keys.problems import Place, Problems, nearest
 from featherfx.phases import Progress, counted, tells_progress
 from featherfx.shot.detail.guided import INSTANT, Chains, Turns, row_frames
-from featherfx.shot.direction.shapes import along_line, why_no_shaft
+from featherfx.shot.direction.targets import along_line, why_no_shaft
 from featherfx.usd.arrays import vec3f
 from featherfx.usd.check.measures import find_intersecting
 from featherfx.usd.convert.condensed import (

@@ -21,8 +21,8 @@ import numpy as np
 import scipy
 from pxr import Usd, UsdGeom
 
-from featherfx.algebra.rotation import quats_to_frames
 from featherfx.algebra.types import Flags
+from featherfx.algebra.vectors import quats_to_frames
 from featherfx.errors import InputError, Problem, require, require_type
 from featherfx.feather.barb_looks import BARB_SEGMENTS, clumped, drawn_barbs
 from featherfx.feather.build import scale_feather

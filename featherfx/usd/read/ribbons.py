@@ -20,9 +20,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdSkel
 
-from featherfx.algebra.rotation import start_tangent, transported
 from featherfx.algebra.types import Array, Indices
-from featherfx.algebra.vectors import arc_lengths
+from featherfx.algebra.vectors import arc_lengths, start_tangent, transported
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.skin import is_flat
 from featherfx.usd.read.curves import read_prim_curves

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
-from featherfx.algebra.rotation import frames_to_quats
+from featherfx.algebra.vectors import frames_to_quats
 from featherfx.feather.colours import at_nodes, colour_feather, shading_of, uniform
 from featherfx.feather.detail import ThinnedGrid, choose_rows_and_nodes, detail_of
 from featherfx.feather.shapes import encode_shape

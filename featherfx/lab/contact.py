@@ -17,11 +17,12 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.rotation import quats_to_frames
 from featherfx.algebra.types import Array
+from featherfx.algebra.vectors import quats_to_frames
 from featherfx.errors import require
 from featherfx.jit.compiled import KernelModule
-from featherfx.lab.contact.plates import (
+from featherfx.lab.declare import Range, out_of_range, value
+from featherfx.lab.plates import (
     BENDING,
     FRAMES_PER_SECOND,
     LENGTH,
@@ -33,7 +34,6 @@ from featherfx.lab.contact.plates import (
     propped_tip,
     sliding_of,
 )
-from featherfx.lab.declare import Range, out_of_range, value
 from featherfx.mechanics.model import Model
 from featherfx.shot.contact.contact_group import ContactStage
 from featherfx.shot.loop.free_group import free_groups

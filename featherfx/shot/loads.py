@@ -23,7 +23,7 @@ much of the air's motion against the root reaches the feather (1: all of it). A 
 wind is pressed on from one side; one that lies on others and on the skin has nearly the same
 pressure on both, and the air between them moves with the body. e stands for both. It is no measured
 property; a bird's back needs less of it than the tips of its crest. Where a shot does not say it,
-how the feathers lie on its skin does (shelter.py).
+how the feathers lie on its skin does (loop/shelter.py).
 """
 
 from __future__ import annotations

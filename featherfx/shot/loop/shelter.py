@@ -1,4 +1,4 @@
-"""Shelter from the wind of feathers that lie on each other and on a skin.
+"""Shelter from the wind of feathers that lie on each other and on a skin, and the wind on them.
 
 The air presses on a stack of vanes once, not on each of them: where n vanes lie on each other each
 bears 1 / n of what it would bear alone. Over a skin the body bears it, and a rest is left for the
@@ -12,7 +12,8 @@ on each other that of one; e0 is chosen by eye, as no measured value of a plumag
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,6 +25,11 @@ from featherfx.files.disk_cache import kept
 from featherfx.groom.course import shaft
 from featherfx.groom.skin.skin import closest
 from featherfx.groom.types import FeatherKind, Placement
+from featherfx.mechanics.model import Loads
+from featherfx.shot.loads import exposures
+from featherfx.shot.loop.groups import FeatherGroup, GroupLoad
+from featherfx.shot.loop.run import ShotLoad, ShotRun
+from featherfx.shot.roots import RootFrames, arrived
 from featherfx.shot.skin import BoundSkin
 
 # e of a vane that lies over the skin
@@ -34,8 +40,9 @@ _STEPS = 10
 _NEAR, NEAR_SKIN = 0.3, 0.3
 # places along the vane where it is looked at, and by which others know where it is
 _LOOKED_AT = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
+# places by which the shaft, and the width of the vane, are known
 _COURSE, _WIDTHS = 9, 33
-_PAIRS_AT_ONCE = 4000
+_PAIRS_AT_ONCE = 4000  # bounds memory
 
 
 class _Outlines(NamedTuple):
@@ -159,3 +166,82 @@ def _over_skin(points: Array, dorsal: Array, length: Array, skin: BoundSkin | No
         near = distance <= NEAR_SKIN * length[part.members][:, None]
         found[part.members] = near & (np.abs(above) >= 0.5 * distance)
     return found
+
+
+# m/s, to which roots' velocities are rounded, so that even motion gives equal winds
+_DIGITS = 9
+
+
+class ShelterLoads(ShotLoad):
+    """The shelter that a plumage gives its feathers."""
+
+    def __init__(self, run: ShotRun) -> None:
+        super().__init__(run)
+        self._exposures = exposures(run.shot).tolist()
+        self._solved = run.solved[run.options.simulated[run.solved]]
+        kinds = [run.shot.groom.feathers[f].kind for f in self._solved]
+        middles = [0.5 * kind.length * (1.0 + kind.calamus) for kind in kinds]
+        self._middles = np.array(middles)[:, None] * np.array([1.0, 0.0, 0.0])
+        self.place = {f: k for k, f in enumerate(self._solved.tolist())}
+        self.root_rates = lru_cache(1)(self._root_rates)
+
+    def key(self, feather: int) -> Hashable:
+        """Exposure."""
+        return self._exposures[feather]
+
+    def on(self, group: FeatherGroup) -> GroupLoad | None:
+        """The shelter of a batch; None where all of the wind reaches it."""
+        exposure = self._exposures[group.members[0]]
+        return None if exposure == 1.0 else _Shelter(exposure, self)
+
+    def _carried(self, roots: RootFrames) -> Array:
+        """(S, 3) m, the middles of vanes as their roots carry them."""
+        return roots.positions + np.einsum("fij,fj->fi", roots.rotations, self._middles)
+
+    def _own(self, roots: RootFrames) -> RootFrames:
+        return RootFrames(*(each[self._solved] for each in roots))
+
+    def _root_rates(self, start: float, end: float, changing: bool) -> tuple[Array, Array]:
+        """(S, 3) m/s, velocities from start to end (s) of the middles of simulated vanes as their
+        roots carry them, and (S, 3) m/s^2, their change since the span before; 0 where that is not
+        asked for."""
+        duration, motion, own = end - start, self.run.motion, self._own
+        begin, reached = own(arrived(motion, start)), own(motion.frames(start))
+        way = self._carried(own(motion.frames(end))) - self._carried(begin)
+        change = np.zeros_like(way)
+        if not duration > 0.0:
+            return change, change
+        if changing:
+            # a cut turns the velocity before it with the root
+            before = self._carried(reached) - self._carried(own(arrived(motion, start - duration)))
+            turned = np.einsum("fij,fkj,fk->fi", begin.rotations, reached.rotations, before)
+            change = np.round((way - turned) / duration**2, _DIGITS)
+        return np.round(way / duration, _DIGITS), change
+
+
+class _Shelter(GroupLoad):
+    """Shelter of a batch, as long as it is on its roots."""
+
+    def __init__(self, exposure: float, shelter: ShelterLoads) -> None:
+        self._exposure, self._shelter = exposure, shelter
+
+    def added(self, loads: Loads, group: FeatherGroup, start: float, end: float) -> Loads:
+        """Loads with the part of the wind that reaches the batch."""
+        if group.is_flying:
+            return loads
+        velocity, change = self._shelter.root_rates(start, end, loads.added_mass.size > 0)
+        own = [self._shelter.place[f] for f in group.members.tolist()]
+        return sheltered(loads, self._exposure, velocity[own], change[own])
+
+
+def sheltered(loads: Loads, exposure: float, velocity: Array, change: Array) -> Loads:
+    """Loads of a batch whose feathers all have one exposure.
+
+    velocity: (F, 3) m/s, of the roots. change: (F, 3) m/s^2, of that since the loads before.
+    """
+    return loads._replace(
+        wind_mean=exposure * loads.wind_mean + (1.0 - exposure) * velocity,
+        wind_change=exposure * loads.wind_change + (1.0 - exposure) * change,
+        wind_amplitude=exposure * loads.wind_amplitude,
+        added_mass=exposure**2 * loads.added_mass,
+    )

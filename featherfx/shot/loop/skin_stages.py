@@ -1,4 +1,4 @@
-"""Roots on the skin that a renderer draws, in what is written.
+"""Stages of moving skins: cuts at which roots jump, and roots on the skin that a renderer draws.
 
 Roots are simulated on a skin that moves smoothly between its own frames. A renderer draws it as its
 stage has it, points along straight lines from sample to sample. Between own frames feathers are
@@ -13,10 +13,49 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.types import Array
+from featherfx.errors import warn_input
 from featherfx.feather.types import RowPoints
+from featherfx.shot.clock import StageClock
 from featherfx.shot.frames import FeatherPose
 from featherfx.shot.loop.run import ShotRun, Stage
+from featherfx.shot.motion.cuts import CutFinder, CutRoots
 from featherfx.shot.skin import BoundSkin
+
+
+class CutStage(Stage):
+    """Roots of a shot, as they are where it is cut."""
+
+    def __init__(self, run: ShotRun) -> None:
+        super().__init__(run)
+        self._cuts = run.shot.frame_cuts
+        clock = StageClock(0.0, 1.0, run.shot.frames_per_second, self._cuts)
+        run.motion = CutRoots(run.motion, clock)
+        self._numbers: list[float] = []
+
+    def begin(self, index: int) -> None:
+        """Warn of a cut that was found right after the sample before."""
+        frame, between = divmod(index - 1, self.run.subframes)
+        if (
+            index <= -self.run.shot.handles * self.run.subframes
+            or between
+            or not self._cuts.is_cut(frame)
+        ):
+            return
+        number = self.run.number(index - 1 + self.run.subframes)
+        self._numbers.append(number)
+        if not isinstance(self._cuts, CutFinder) or (cut := self._cuts.found[frame]) is None:
+            return
+        more = f" and {cut.more} more" if cut.more else ""
+        warn_input(
+            f"{self.run.shot.source}: {cut.name}{more}: cut to another place at frame {number:g}, "
+            f"{cut.way:.3g} m away. Feathers are carried along, without that speed. Give "
+            f"cuts = [{number:g}] if that is right, cuts = [] if it is a motion"
+        )
+
+    def report(self) -> dict[str, Any]:
+        """Frames at which the shot is cut."""
+        return {"cuts": list(self._numbers)}
+
 
 _STEP = 1e-3  # frames, over which the rate of the smooth skin is found
 

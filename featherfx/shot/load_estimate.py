@@ -11,7 +11,7 @@ from featherfx.algebra.types import Array
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.resolution import barb_load, rachis_deflection
-from featherfx.shot.loads.loads import exposures, wind_field
+from featherfx.shot.loads import exposures, wind_field
 from featherfx.shot.roots import Roots, sampled_rates, some_roots
 from featherfx.shot.types import Shot
 

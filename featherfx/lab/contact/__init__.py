@@ -1,1 +1,0 @@
-"""Flat plates that touch, whose load and motion have closed forms."""

@@ -1,1 +1,0 @@
-"""Measurements of the program itself: its size, times, memory and accuracy."""

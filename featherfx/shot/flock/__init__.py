@@ -1,1 +1,0 @@
-"""Flocks: many birds of a few shots, each on its path."""

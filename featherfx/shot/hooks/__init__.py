@@ -1,4 +1,0 @@
-"""Hooks that slip, open and heal, and feathers that are wet.
-
-Change here: what opens or closes a vane during a shot.
-"""

@@ -1,1 +1,0 @@
-"""Options of every feather of a shot, resolved before the first frame."""
