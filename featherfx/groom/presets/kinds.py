@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from featherfx.groom.course import barbs_cross, crossing_segments
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import expected
 from featherfx.groom.materials import (
@@ -24,7 +25,6 @@ from featherfx.groom.materials import (
     VaneMaterial,
 )
 from featherfx.groom.presets.library import Sourced, Tree, plain
-from featherfx.groom.presets.lines import barbs_cross, crossing_segments
 from featherfx.groom.presets.scaling import change_materials
 from featherfx.groom.types import (
     BARB_ANGLE,
