@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any
 from featherfx.errors import InputError, Problem, require_type
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import Feather
+from featherfx.files.folders import folders_of
 from featherfx.groom.document import Document
-from featherfx.groom.presets.folders import folders_of
 from featherfx.groom.presets.presets import read_quality as read_quality
 from featherfx.groom.read.read import load_tables
 from featherfx.groom.read.read import read_groom as read_groom_file
-from featherfx.groom.read.readers import SceneReaders
+from featherfx.groom.read.space import SceneReaders
 from featherfx.groom.types import Groom
 from featherfx.phases import Progress, phase, tells_progress
 from featherfx.provenance import StageRead, listen_to_reads

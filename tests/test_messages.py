@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from featherfx.errors import Problem, as_sentence
-from featherfx.groom.read.places import located
+from featherfx.groom.read.toml_text import located
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "featherfx"

@@ -31,7 +31,7 @@ from featherfx.feather.density import max_distance
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.mechanics.resolution import rachis_deflection
 from featherfx.phases import phase
-from featherfx.shot.load_estimate import estimate_loads
+from featherfx.shot.loads import estimate_loads
 from featherfx.shot.loop.contact_error import nearest_pushing
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import Simulation, simulate

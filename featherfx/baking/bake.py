@@ -18,7 +18,7 @@ from featherfx.files.process import seldom_collected
 from featherfx.jit.compiled import request_expected
 from featherfx.phases import Account, account, phase
 from featherfx.provenance import StageRead, list_entries, listen_to_reads
-from featherfx.shot.clock import StageClock
+from featherfx.shot.frames import StageClock
 from featherfx.shot.types import Shot
 
 # frames that depths in the skin are measured in, of the hundredths of a bake that judging may take

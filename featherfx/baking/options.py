@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin, get_type_hints
 
 from featherfx.errors import require_type
+from featherfx.files.folders import folders_of
 from featherfx.groom.keys.problems import nearest
-from featherfx.groom.presets.folders import folders_of
 from featherfx.limits import (
     MAX_BARBS,
     MAX_BARBULES,

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from featherfx.baking.export import export_groom as export_groom
     from featherfx.baking.export import measure_coverage as measure_coverage
     from featherfx.baking.flock import bake_flock as bake_flock
+    from featherfx.baking.plan import join as join
     from featherfx.baking.plan import plan as plan
-    from featherfx.baking.shares import join as join
     from featherfx.baking.stats import stats as stats
     from featherfx.usd.check.check import is_cache as is_cache
     from featherfx.usd.check.check import judge_complete_cache as judge_complete_cache
@@ -49,7 +49,7 @@ _HOMES = {
     "export_rigid": "featherfx.usd.convert.rigid",
     "inspect_stage": "featherfx.usd.read.contents",
     "is_cache": "featherfx.usd.check.check",
-    "join": "featherfx.baking.shares",
+    "join": "featherfx.baking.plan",
     "judge_complete_cache": "featherfx.usd.check.check",
     "measure_coverage": "featherfx.baking.export",
     "measure_holes": "featherfx.usd.check.measures",

@@ -24,7 +24,7 @@ from featherfx.cli.options import (
 from featherfx.cli.program import Command, print_json
 from featherfx.cli.progress import Progress
 from featherfx.errors import InputError, Problem, some_of
-from featherfx.groom.read.places import located
+from featherfx.groom.read.toml_text import located
 
 if TYPE_CHECKING:
     from featherfx.usd.read.contents import PrimReport, StageReport

@@ -49,7 +49,7 @@ def doctor(ctx: click.Context, as_json: bool, no_test: bool, style: str) -> None
     minute or two. Exits with 1 if there is a problem.
     """
     # reads metadata of packages, which other commands need not
-    from featherfx.baking.doctor import examine
+    from featherfx.baking.install import examine
 
     with Progress("checks", style):
         found = examine(not no_test)

@@ -11,7 +11,7 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import click
 
-from featherfx.groom.presets.folders import SHIPPED_PRESETS
+from featherfx.files.folders import SHIPPED_PRESETS
 from featherfx.limits import MAX_JOBS, MAX_SHARES, MAX_SIDE
 
 _MAX_DIGITS = 8  # of a frame, a share or a side: with sign, more than any may have

@@ -415,7 +415,7 @@ class Program(CommandGroup):
             LOGGER.error("%s", error.format_message())
             raise
         except InputError as error:
-            from featherfx.groom.read.places import located
+            from featherfx.groom.read.toml_text import located
 
             self._fail(ctx, "\n".join(map(located, error.problems)), error)
         except SimulationError as error:

@@ -43,7 +43,7 @@ from featherfx.farm.work import (
 from featherfx.files.atomic_write import Lock, standing
 from featherfx.files.content import program_digest
 from featherfx.files.disk_cache import keep, kept_before
-from featherfx.groom.presets.folders import SHIPPED_PRESETS, own_folders
+from featherfx.files.folders import SHIPPED_PRESETS, own_folders
 from featherfx.phases import Progress, listener_of
 from featherfx.usd.types import BUSY_MESSAGE, OutputError
 from featherfx.usd.write.unfinished_cache import lock_file

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from featherfx.baking.bake import carry_out, open_task
 from featherfx.baking.entries import drawn_entries
 from featherfx.baking.options import BakeOptions
-from featherfx.baking.shares import merge, merge_piece
+from featherfx.baking.plan import merge, merge_piece
 from featherfx.baking.task import BakeTask, part_path
 from featherfx.errors import InputError, InputWarning, Problem, require
 from featherfx.files.atomic_write import write_text

@@ -1,4 +1,4 @@
-"""Folders of the program: shipped files, the cache, and what may be loaded from it.
+"""Folders of the program: shipped files, presets, the cache, and what may be loaded from it.
 
 Whoever can write machine code where it is loaded from runs it as this user. So a file is loaded
 only if it, its folder and all folders above belong to this user or to root, and nobody else can
@@ -17,14 +17,14 @@ import contextlib
 import errno
 import os
 import stat
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
 from pathlib import Path
 from typing import BinaryIO
 
 import platformdirs
 
-from featherfx.errors import warn_input
+from featherfx.errors import Problem, require, require_type, warn_input
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 # links on a way, as Linux allows
@@ -215,3 +215,44 @@ def doubt(folder: Path) -> str:
     $FEATHERFX_TRUSTED_CACHE names it. Raises OSError where it cannot be looked at."""
     fault = "" if _is_named(folder) else distrust(folder)
     return f"{fault}; FEATHERFX_TRUSTED_CACHE={folder} would trust it" if fault else ""
+
+
+_PRESETS_VARIABLE = "FEATHERFX_PRESETS"
+# stands for the folder of shipped presets among folders that are given
+SHIPPED_PRESETS = "shipped"
+
+
+def shipped_folder() -> Path:
+    """The presets that come with featherfx."""
+    return shipped("presets")
+
+
+def folders_of(preset_folders: Iterable[str | Path]) -> tuple[str | Path, ...]:
+    """Return folders of presets. Raises TypeError for one path, InputError for those not there."""
+    listed = not isinstance(preset_folders, str | Path)
+    require_type("preset_folders", preset_folders, Iterable if listed else (), "a list of folders")
+    found = tuple(preset_folders)
+    told = "there is no such folder. Check the path"
+    lacking = (each for each in found if each != SHIPPED_PRESETS and not Path(each).is_dir())
+    require(*(Problem(str(each), "", told) for each in lacking))
+    return found
+
+
+def search_path(folders: Iterable[str | Path] = ()) -> tuple[Path, ...]:
+    """Folders of presets, the strongest first: given ones, FEATHERFX_PRESETS, home, shipped.
+
+    folders: SHIPPED among them is the folder of shipped presets; what comes after it matters no
+    more.
+    """
+    listed = [shipped_folder() if folder == SHIPPED_PRESETS else Path(folder) for folder in folders]
+    variable = os.environ.get(_PRESETS_VARIABLE, "")
+    listed += [Path(part) for part in variable.split(os.pathsep) if part]
+    home = os.environ.get("XDG_CONFIG_HOME") or str(Path("~/.config").expanduser())
+    return (*listed, Path(home) / "featherfx" / "presets", shipped_folder())
+
+
+def own_folders(folders: Iterable[str | Path] = ()) -> tuple[Path, ...]:
+    """Folders of the search path that are there and are not the shipped ones, absolute."""
+    found = [Path(os.path.abspath(folder)) for folder in search_path(folders) if folder.is_dir()]
+    shipped = Path(os.path.abspath(shipped_folder()))
+    return tuple(dict.fromkeys(folder for folder in found if folder != shipped))

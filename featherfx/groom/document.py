@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from featherfx.errors import InputError, Problem, require_type
-from featherfx.groom.presets.folders import folders_of
+from featherfx.files.folders import folders_of
 from featherfx.provenance import StageRead
 
 # source of tables that no file holds

@@ -38,7 +38,7 @@ from featherfx.algebra.vectors import frames_to_quats
 from featherfx.groom.keys.preset import PRESET_FAMILIES, Wind
 from featherfx.groom.keys.values import ArrayOf, Key, Number, Table, Text, keys_of, tables, vector
 from featherfx.limits import MAX_BIRDS
-from featherfx.shot.clock import MAX_RATE, MIN_RATE
+from featherfx.shot.frames import MAX_RATE, MIN_RATE
 from featherfx.shot.sources import TimedCamera, relative_sizes
 from featherfx.shot.types import Shot
 

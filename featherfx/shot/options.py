@@ -30,7 +30,7 @@ from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.batch import may_slip
 from featherfx.mechanics.resolution import GRID_SCALE, coefficients_for, rows_for
 from featherfx.packages import brought, load_name
-from featherfx.shot.load_estimate import (
+from featherfx.shot.loads import (
     Deflection,
     LoadEstimate,
     estimate_deflections,

@@ -23,7 +23,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from featherfx.algebra.types import Array, Indices
-from featherfx.shot.clock import FrameCuts
+from featherfx.shot.frames import FrameCuts
 
 # of a root within an interval
 SAMPLES = 5

@@ -20,7 +20,7 @@ from featherfx.groom.skin.skin import (
     follow,
 )
 from featherfx.groom.types import Groom
-from featherfx.shot.clock import StageClock
+from featherfx.shot.frames import StageClock
 from featherfx.shot.roots import RootFrames
 from featherfx.shot.sources import MovingSurface
 

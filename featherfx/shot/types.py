@@ -18,7 +18,7 @@ from featherfx.groom.keys.preset import PRESET_FAMILIES, UNSCALED_CLOCK, Clock, 
 from featherfx.groom.keys.values import ArrayOf, Default, Number, Text, vector
 from featherfx.groom.types import Groom
 from featherfx.limits import MAX_CLUMPS
-from featherfx.shot.clock import MAX_RATE, MIN_RATE, NO_CUTS, FrameCuts
+from featherfx.shot.frames import MAX_RATE, MIN_RATE, NO_CUTS, FrameCuts
 from featherfx.shot.roots import NO_RUN_UP, RunUp
 
 if TYPE_CHECKING:

@@ -46,7 +46,7 @@ ORIENT_PRIMVAR = "primvars:barborient"
 # what half of the rows and nodes leave out of all (featherfx/feather/detail.py), and the grid of a
 # feather, rows and columns
 DETAIL_ATTRIBUTE, DETAIL_GRID_ATTRIBUTE = "featherDetail", "featherDetail:grid"
-# the shape that they are built of, as text (featherfx/feather/shapes.py), and its factor
+# the shape that they are built of, as text (featherfx/feather/build.py), and its factor
 SHAPE_PRIMVAR, SHAPE_SIZE_PRIMVAR = "featherShape", "shapeSize"
 # their colours, as text (groom/materials.py), and linear at their barbs' nodes, as P_BARB
 COLOUR_PRIMVAR, BARB_COLOUR_PRIMVARS = "featherColour", ("displayColor_barbl", "displayColor_barbr")

@@ -14,7 +14,7 @@ from commands import invoke
 from places import ROOT
 
 from featherfx._version import __version__
-from featherfx.baking import doctor
+from featherfx.baking import install
 from featherfx.baking.install import copy_sample, sample_names
 from featherfx.errors import InputError
 
@@ -123,11 +123,11 @@ def test_the_doctor_bakes_and_reads_back():
 
 def test_the_doctor_tells_what_is_missing_too_old_and_unusable(tmp_path, monkeypatch):
     wanted = ["numpy>=999", "nowhere-to-be-had>=1", 'click>=8; extra == "more"', "usd-core>=24"]
-    monkeypatch.setattr(doctor.importlib.metadata, "requires", lambda name: wanted)
+    monkeypatch.setattr(install.importlib.metadata, "requires", lambda name: wanted)
     monkeypatch.setattr(
-        doctor.importlib.metadata, "metadata", lambda name: MetadataOf(["more", "less"])
+        install.importlib.metadata, "metadata", lambda name: MetadataOf(["more", "less"])
     )
-    monkeypatch.setattr(doctor, "shipped", lambda name: tmp_path)
+    monkeypatch.setattr(install, "shipped", lambda name: tmp_path)
     result = invoke("doctor", "--json")
     found = json.loads(result.stdout)
     assert result.exit_code == 1

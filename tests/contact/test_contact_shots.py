@@ -16,9 +16,8 @@ from featherfx.errors import InputError, InputWarning
 from featherfx.files.process import allow_threads
 from featherfx.limits import MAX_JOBS
 from featherfx.phases import Account
-from featherfx.shot.clock import StageClock
 from featherfx.shot.contact.pairs import _through_others
-from featherfx.shot.frames import Frame
+from featherfx.shot.frames import Frame, StageClock
 from featherfx.shot.loop.simulate import Simulation, simulate
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.sources import TimedSurface

@@ -21,7 +21,6 @@ from test_contact_shots import (
 )
 
 from featherfx.errors import InputWarning, SimulationError
-from featherfx.shot.clock import StageClock
 from featherfx.shot.contact import settle
 from featherfx.shot.contact.steps import (
     FEW_STEPS,
@@ -31,6 +30,7 @@ from featherfx.shot.contact.steps import (
     StepRules,
     StepSpan,
 )
+from featherfx.shot.frames import StageClock
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.sources import TimedSurface

@@ -8,7 +8,7 @@ from typing import Any
 
 from featherfx.errors import InputError, SimulationError
 from featherfx.farm.work import BEGUN, DONE, FAILED, QUIET, SHARE_PROGRESS, Order, OrderNews, work
-from featherfx.groom.presets.folders import SHIPPED_PRESETS
+from featherfx.files.folders import SHIPPED_PRESETS
 
 SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 

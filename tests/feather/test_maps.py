@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from featherfx.feather.build import build_feather
+from featherfx.feather.build import build_feather, build_unit_maps
 from featherfx.feather.density import density_map
-from featherfx.feather.shapes import build_unit_maps
 from featherfx.groom.keys.problems import Problems
 from featherfx.groom.presets.library import Library
 from featherfx.groom.read.read import groom_of
@@ -31,7 +30,7 @@ def shapes(monkeypatch, tmp_path):
 def test_maps_are_those_of_each_shape_and_the_same_when_they_are_read_again(shapes, monkeypatch):
     first = build_unit_maps(shapes, COARSE, FINE)
     # what is kept needs no feather
-    monkeypatch.setattr("featherfx.feather.shapes.build_feather", None)
+    monkeypatch.setattr("featherfx.feather.build.build_feather", None)
     for found in (first, build_unit_maps(shapes, COARSE, FINE)):
         for (kind, mirrored), own in zip(shapes, found, strict=True):
             coarse, fine = (build_feather(kind, *grid, mirrored) for grid in (COARSE, FINE))

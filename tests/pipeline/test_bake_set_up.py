@@ -12,9 +12,9 @@ import pytest
 import featherfx
 from featherfx.baking import export, frame_loop, pipeline
 from featherfx.errors import InputError, Problem
-from featherfx.feather import shapes
+from featherfx.feather import build
 from featherfx.shot.contact import pairs
-from featherfx.shot.loop import models, placement
+from featherfx.shot.loop import groups, placement
 from featherfx.usd.write.cache_writer import CacheWriter
 
 GROOM = """
@@ -49,7 +49,7 @@ def shot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def forgotten() -> None:
     """As a process that has just begun."""
-    shapes.build_shapes.cache_clear()
+    build.build_shapes.cache_clear()
 
 
 def baked(shot: Path, name: str, **options) -> tuple[bytes, list[str]]:
@@ -70,9 +70,9 @@ def test_a_second_bake_computes_no_shape_model_or_pair_anew(shot, monkeypatch):
 
     with monkeypatch.context() as patch:
         for module, name in (
-            (shapes, "build_feather"),
-            (models, "make_model"),
-            (models, "with_damping"),
+            (build, "build_feather"),
+            (groups, "make_model"),
+            (groups, "with_damping"),
             (pairs, "_near_pairs"),
         ):
             patch.setattr(module, name, computed)

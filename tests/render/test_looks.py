@@ -11,7 +11,7 @@ from usd_meshes import SQUARE, define_mesh
 
 from featherfx import export_groom
 from featherfx.errors import InputError, InputWarning
-from featherfx.groom.presets.folders import shipped_folder
+from featherfx.files.folders import shipped_folder
 from featherfx.phases import Account
 from featherfx.render.camera import axes_of, framing, turntable
 from featherfx.render.geometry import load_points, topology_of

@@ -20,9 +20,8 @@ from featherfx.feather.leaves import lay_out
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import RACHIS_PART, RowPoints, both, stacked
 from featherfx.groom.types import Groom, Layout
-from featherfx.shot.clock import StageClock
 from featherfx.shot.coat.leaves import CarriedPoints, MovingCoat
-from featherfx.shot.frames import place
+from featherfx.shot.frames import StageClock, place
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.roots import RootFrames

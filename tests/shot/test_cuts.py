@@ -14,8 +14,8 @@ from usd_meshes import define_mesh, level_grid, new_stage
 import featherfx
 from featherfx.errors import InputWarning
 from featherfx.groom.keys.preset import UNSCALED_CLOCK
-from featherfx.shot.clock import FrameCuts, StageClock
 from featherfx.shot.contact.bodies import Bodies, FeathersOver
+from featherfx.shot.frames import FrameCuts, StageClock
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.cuts import CutFinder, CutTrack, NamedCuts, with_cuts
 from featherfx.shot.motion.motion import root_motion

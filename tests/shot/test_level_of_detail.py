@@ -10,7 +10,7 @@ import pytest
 from places import SAMPLES
 
 from featherfx.errors import InputError
-from featherfx.shot.clock import StageClock
+from featherfx.shot.frames import StageClock
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.read.read import check_file, read_shot
 from featherfx.shot.sources import TimedCamera, View, relative_sizes

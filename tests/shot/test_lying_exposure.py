@@ -10,7 +10,7 @@ from places import SAMPLES
 
 from featherfx.algebra.vectors import vectors_to_frames
 from featherfx.groom.types import Placement
-from featherfx.shot.clock import StageClock
+from featherfx.shot.frames import StageClock
 from featherfx.shot.loads import exposures
 from featherfx.shot.loop import shelter
 from featherfx.shot.loop.shelter import LEAST, lying_exposures

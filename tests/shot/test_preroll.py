@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from featherfx.algebra.vectors import from_rotation_vector
-from featherfx.shot.clock import StageClock
+from featherfx.shot.frames import StageClock
 from featherfx.shot.roots import RootFrames, RunUpRoots, run_up_of
 from featherfx.shot.sources import TimedSurface
 

@@ -9,7 +9,7 @@ from usdin_scenes import TYPES, add_mesh, new_stage, sheet, write_shot
 
 import featherfx
 from featherfx.errors import InputError
-from featherfx.feather.overlap import strips_of
+from featherfx.feather.crossings import strips_of
 from featherfx.shot.direction.channels import courses
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.types import Channel

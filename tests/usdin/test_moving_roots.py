@@ -6,8 +6,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import featherfx
-from featherfx.shot.clock import StageClock
-from featherfx.shot.load_estimate import estimate_loads
+from featherfx.shot.frames import StageClock
+from featherfx.shot.loads import estimate_loads
 from featherfx.shot.motion.cuts import CutRoots
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.patterns import part_of

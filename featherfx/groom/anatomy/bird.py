@@ -27,7 +27,7 @@ from featherfx.groom.keys.anatomy import WingType
 from featherfx.groom.keys.plumage import CREST_KEYS, LAYOUT_KEYS, TAIL_KEYS, WING_KEYS
 from featherfx.groom.keys.problems import INVALID, Place
 from featherfx.groom.presets.library import Library, plain, sourced
-from featherfx.groom.read.readers import SkinsReader
+from featherfx.groom.read.space import SkinsReader
 
 _TAIL_LIFT = 0.006  # of the longest, from pair to pair: the pigeon's as counted free of crossings
 _TAIL_DEEP = 0.4  # of the width of the root, all pairs together at most, as in trains; by eye

@@ -20,7 +20,7 @@ from featherfx.algebra.vectors import (
 from featherfx.groom.anatomy.remiges import spread_evenly
 from featherfx.groom.course import along_polyline
 from featherfx.groom.keys.problems import Place
-from featherfx.groom.presets.kind_store import KindChoice, KindStore
+from featherfx.groom.presets.presets import KindChoice, KindStore
 from featherfx.groom.read.drafts import Draft
 from featherfx.groom.types import FeatherKind, Joint, Turning
 

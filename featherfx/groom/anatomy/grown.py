@@ -12,8 +12,8 @@ from featherfx.groom.anatomy.fans import crest, tail
 from featherfx.groom.anatomy.wing import wing
 from featherfx.groom.course import Mirror
 from featherfx.groom.keys.problems import Place
-from featherfx.groom.presets.kind_store import KindStore
 from featherfx.groom.presets.library import Library
+from featherfx.groom.presets.presets import KindStore
 from featherfx.groom.read.drafts import Draft, mirror_of, other_side, with_mirror_images
 from featherfx.groom.read.space import Space
 from featherfx.groom.types import Joint

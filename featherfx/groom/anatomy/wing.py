@@ -37,8 +37,8 @@ from featherfx.groom.anatomy.wing_skin import WingSkin, find_wing_skin
 from featherfx.groom.keys.anatomy import CovertRow, FlightRow, WingBand, WingType
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.materials import Pattern
-from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import Library, plain, sourced
+from featherfx.groom.presets.presets import KindChoice, KindStore
 from featherfx.groom.read.drafts import Draft
 from featherfx.groom.types import FeatherKind, Joint, Turning
 

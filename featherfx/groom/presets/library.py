@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from featherfx.errors import InputError
+from featherfx.files.folders import search_path, shipped_folder
 from featherfx.groom.document import merge_tables
 from featherfx.groom.keys.places import Preset
 from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import REQUIRED, Key, Table, expected
-from featherfx.groom.presets.folders import search_path, shipped_folder
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.groom.read.toml_text import told
 from featherfx.limits import MAX_BASES

@@ -24,10 +24,9 @@ from featherfx.errors import all_of, warn_input
 from featherfx.groom.course import Mirror, along_polyline
 from featherfx.groom.keys.problems import Place
 from featherfx.groom.materials import PIGMENTS, VANE_COLOUR, displayed
-from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import sourced
-from featherfx.groom.read.readers import CurveReader
-from featherfx.groom.read.space import Space
+from featherfx.groom.presets.presets import KindChoice, KindStore
+from featherfx.groom.read.space import CurveReader, Space
 from featherfx.groom.types import Turning
 
 if TYPE_CHECKING:

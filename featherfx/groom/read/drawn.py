@@ -17,9 +17,9 @@ from featherfx.groom.keys.groom import DEFAULT_PRIMVARS
 from featherfx.groom.keys.preset import FEATHER_KEYS
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import Table
-from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.kinds import Change
 from featherfx.groom.presets.library import sourced
+from featherfx.groom.presets.presets import KindChoice, KindStore
 from featherfx.groom.read.drafts import Draft, DrawnShape, belonging
 from featherfx.groom.read.rachis_curve import (
     MAX_LINE_DEVIATION,
@@ -31,7 +31,7 @@ from featherfx.groom.read.rachis_curve import (
     vanes_of,
     without_repeats,
 )
-from featherfx.groom.read.readers import DrawnFeather, SceneReader
+from featherfx.groom.read.space import DrawnFeather, SceneReader
 from featherfx.groom.types import FeatherKind
 
 _MAX_NAMED = 10

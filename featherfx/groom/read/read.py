@@ -17,9 +17,9 @@ from featherfx.algebra.vectors import about_x
 from featherfx.errors import warn_input
 from featherfx.groom.keys.groom import GROOM_FILE
 from featherfx.groom.keys.problems import INVALID, MAX_REPORTED, Place, Problems, closest
-from featherfx.groom.presets.kind_store import KindStore
 from featherfx.groom.presets.kinds import Change
 from featherfx.groom.presets.library import Library, sourced
+from featherfx.groom.presets.presets import KindStore
 from featherfx.groom.read import drafts as draft_rules
 from featherfx.groom.read.drafts import (
     Draft,
@@ -29,8 +29,7 @@ from featherfx.groom.read.drafts import (
     shaded,
     variant_number,
 )
-from featherfx.groom.read.readers import GroomReaders, cache_skins
-from featherfx.groom.read.space import Space, in_groom
+from featherfx.groom.read.space import GroomReaders, Space, cache_skins, in_groom
 from featherfx.groom.read.toml_file import file_kind, load_toml
 from featherfx.groom.read.toml_text import told
 from featherfx.groom.types import FeatherKind, Groom, Joint, Layout, Placement

@@ -23,7 +23,7 @@ from featherfx.errors import CONTROL
 from featherfx.groom.keys.groom import TABLE_KEYS
 from featherfx.groom.keys.problems import MAX_REPORTED, Place, Problems
 from featherfx.groom.keys.values import Number, shown
-from featherfx.groom.presets.kind_store import KindChoice
+from featherfx.groom.presets.presets import KindChoice
 from featherfx.groom.read.drafts import Draft, mirror_of, with_mirror_images
 from featherfx.groom.read.space import Space
 from featherfx.limits import MAX_ARRAY_BYTES, MAX_CHARACTERS, MAX_FEATHERS, irregular

@@ -10,8 +10,8 @@ from scipy.special import ndtri
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.groom.keys.problems import Place, Problems
-from featherfx.groom.presets.kind_store import KindChoice, KindStore
 from featherfx.groom.presets.library import sourced
+from featherfx.groom.presets.presets import KindChoice, KindStore
 from featherfx.groom.regions.drape import BARB_SAMPLE_ROW, bends_of_skin
 from featherfx.groom.regions.rules import GroomSkin, Rule, presence
 from featherfx.groom.regions.scatter import hashed, uniform

@@ -19,10 +19,9 @@ from featherfx.algebra.vectors import frames_from
 from featherfx.errors import all_of, some_of, warn_input
 from featherfx.files.disk_cache import kept
 from featherfx.groom.keys.problems import INVALID, Place
-from featherfx.groom.presets.kind_store import KindStore
+from featherfx.groom.presets.presets import KindStore
 from featherfx.groom.read.drafts import Draft
-from featherfx.groom.read.readers import DrawnFeather, GroomReaders
-from featherfx.groom.read.space import Space
+from featherfx.groom.read.space import DrawnFeather, GroomReaders, Space
 from featherfx.groom.regions.drape import SkinBends, laid_along
 from featherfx.groom.regions.kinds import (
     RANDOM_STREAMS,

@@ -33,7 +33,7 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import dots
 from featherfx.groom.keys.groom import USD_KEYS
 from featherfx.groom.keys.problems import Place, nearest
-from featherfx.groom.read.readers import DrawnFeather, SceneReader
+from featherfx.groom.read.space import DrawnFeather, SceneReader
 from featherfx.groom.regions.rules import Presence
 from featherfx.groom.skin.field import search_tree
 from featherfx.groom.skin.points import SkinSurface, SurfacePoints

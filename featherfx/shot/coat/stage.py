@@ -10,12 +10,11 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputWarning, count_feathers
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import stacked
-from featherfx.shot.clock import StageClock
 from featherfx.shot.coat.leaves import CarriedPoints, MovingCoat
 from featherfx.shot.contact.skin_binding import surfaces_under
 from featherfx.shot.direction.channels import courses
 from featherfx.shot.direction.roots import OPEN
-from featherfx.shot.frames import FeatherPose, place
+from featherfx.shot.frames import FeatherPose, StageClock, place
 from featherfx.shot.loop.groups import ALONE
 from featherfx.shot.loop.run import ShotRun, Stage
 from featherfx.shot.motion.cuts import CutRoots

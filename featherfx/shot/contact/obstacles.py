@@ -21,8 +21,7 @@ from featherfx.mechanics.model import Loads, no_loads
 from featherfx.shot.detail.followers import turned_by
 from featherfx.shot.detail.guided import Followers, Shapes
 from featherfx.shot.detail.guides import guide_weights
-from featherfx.shot.loop.groups import FeatherGroup
-from featherfx.shot.loop.models import maps_between, model_of
+from featherfx.shot.loop.groups import FeatherGroup, maps_between, model_of
 from featherfx.shot.options import FeatherOptions, ShotOptions
 from featherfx.shot.roots import RootFrames, Roots, arrived
 from featherfx.shot.types import Shot

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.feather.overlap import strips_of
+from featherfx.feather.crossings import strips_of
 from featherfx.groom.types import Placement
 from featherfx.shot.contact.skin_binding import SkinBeneath, surfaces_under
 from featherfx.shot.direction.channels import Course, acting, courses

@@ -45,7 +45,7 @@ from featherfx.files.content import digest, shot_settings
 from featherfx.files.disk_cache import keep, kept, kept_before, nothing_kept
 from featherfx.jit.compile_progress import working_time
 from featherfx.mechanics.batch import may_slip
-from featherfx.shot.load_estimate import Deflection, LoadEstimate
+from featherfx.shot.loads import Deflection, LoadEstimate
 from featherfx.shot.loop.window_runs import (
     FAILED_RUN,
     MIN_FALL,

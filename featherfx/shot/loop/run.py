@@ -22,8 +22,16 @@ from featherfx.packages import brought, load_name
 from featherfx.phases import counted
 from featherfx.shot.frames import FeatherPose, sample_number
 from featherfx.shot.loads import force_weights, frame_loads
-from featherfx.shot.loop.groups import ALONE, Bounds, FeatherGroup, GroupLoad, grips_of
-from featherfx.shot.loop.models import has_open_hooks, maps_between, model_of
+from featherfx.shot.loop.groups import (
+    ALONE,
+    Bounds,
+    FeatherGroup,
+    GroupLoad,
+    grips_of,
+    has_open_hooks,
+    maps_between,
+    model_of,
+)
 from featherfx.shot.motion.motion import prepare_cuts, root_motion
 from featherfx.shot.options import (
     FeatherOptions,

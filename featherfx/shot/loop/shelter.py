@@ -20,7 +20,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.feather.barbs import outline_curve
-from featherfx.feather.overlap import near_pairs, strips_of
+from featherfx.feather.crossings import near_pairs, strips_of
 from featherfx.files.disk_cache import kept
 from featherfx.groom.course import shaft
 from featherfx.groom.skin.skin import closest

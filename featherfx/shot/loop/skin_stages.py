@@ -15,8 +15,7 @@ import numpy as np
 from featherfx.algebra.types import Array
 from featherfx.errors import warn_input
 from featherfx.feather.types import RowPoints
-from featherfx.shot.clock import StageClock
-from featherfx.shot.frames import FeatherPose
+from featherfx.shot.frames import FeatherPose, StageClock
 from featherfx.shot.loop.run import ShotRun, Stage
 from featherfx.shot.motion.cuts import CutFinder, CutRoots
 from featherfx.shot.skin import BoundSkin

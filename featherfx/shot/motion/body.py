@@ -26,7 +26,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputWarning
-from featherfx.shot.clock import StageClock
+from featherfx.shot.frames import StageClock
 from featherfx.shot.motion.joints import PosesOverTime, Skeleton, skeleton_of
 from featherfx.shot.motion.motion import joint_poses, without_body
 from featherfx.shot.skin import SkinSurfaces

@@ -28,7 +28,7 @@ import numpy as np
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError
 from featherfx.packages import load_name
-from featherfx.shot.clock import FrameCuts, StageClock
+from featherfx.shot.frames import FrameCuts, StageClock
 from featherfx.shot.motion.motion import uncut_motion
 from featherfx.shot.roots import RootFrames, Roots, some_roots
 from featherfx.shot.skin import BoundSkin

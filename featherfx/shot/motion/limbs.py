@@ -16,7 +16,7 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError, Problem
 from featherfx.groom.skin.skin import Binding, bind, follow
 from featherfx.groom.types import Groom
-from featherfx.shot.clock import StageClock
+from featherfx.shot.frames import StageClock
 from featherfx.shot.motion.body import BodySurface
 from featherfx.shot.motion.joints import JointPoses, Skeleton, joint_roots, skeleton_of
 from featherfx.shot.roots import RootFrames, Roots

@@ -11,7 +11,7 @@ from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots, frames_to_quats, rotation_vectors, vectors_to_frames
 from featherfx.groom.keys.preset import UNSCALED_CLOCK, Clock
 from featherfx.packages import MOTION_SOURCES, brought, load_name
-from featherfx.shot.clock import NO_CUTS
+from featherfx.shot.frames import NO_CUTS
 from featherfx.shot.motion.joints import (
     JointPoses,
     PosesOverTime,

@@ -14,9 +14,8 @@ import numpy as np
 from featherfx.errors import as_figure, warn_input
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.library import Library
-from featherfx.groom.read.readers import SceneReaders
+from featherfx.groom.read.space import SceneReaders
 from featherfx.groom.read.toml_file import load_toml
-from featherfx.shot.clock import StageClock
 from featherfx.shot.flock import (
     FLOCK_FILE,
     Bird,
@@ -32,6 +31,7 @@ from featherfx.shot.flock import (
     nearest_birds,
     place_birds,
 )
+from featherfx.shot.frames import StageClock
 from featherfx.shot.read.read import read_preset, read_shot
 from featherfx.shot.sources import TimedCamera
 

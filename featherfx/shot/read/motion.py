@@ -28,10 +28,10 @@ from featherfx.groom.keys.preset import MOTION_KEYS, SOURCE_KEYS, Clock
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import Either, Number, ValueType
 from featherfx.groom.presets.library import Library, plain, sourced
-from featherfx.groom.read.readers import SceneReaders
+from featherfx.groom.read.space import SceneReaders
 from featherfx.groom.types import Groom
 from featherfx.packages import load_name
-from featherfx.shot.clock import MAX_RATE, MIN_RATE, StageClock
+from featherfx.shot.frames import MAX_RATE, MIN_RATE, StageClock
 from featherfx.shot.motion.beat import beats_in_time
 from featherfx.shot.motion.body_joints import BODY_JOINTS
 from featherfx.shot.sources import MovingSurface

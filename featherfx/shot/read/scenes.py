@@ -12,10 +12,10 @@ import numpy as np
 
 from featherfx.errors import InputWarning, warn_input
 from featherfx.groom.keys.problems import Place, Problems
-from featherfx.groom.read.readers import SceneReaders
+from featherfx.groom.read.space import SceneReaders
 from featherfx.groom.types import Groom
 from featherfx.provenance import StageRead, note_read
-from featherfx.shot.clock import StageClock
+from featherfx.shot.frames import StageClock
 from featherfx.shot.read.motion import ClockReader
 from featherfx.shot.skin import SkinSurfaces
 from featherfx.shot.sources import MovingSurface, OfScene, TimedCamera, TimedSurface, TimedWind

@@ -25,12 +25,11 @@ from featherfx.algebra.types import Flags
 from featherfx.algebra.vectors import quats_to_frames
 from featherfx.errors import InputError, Problem, require, require_type
 from featherfx.feather.barb_looks import BARB_SEGMENTS, clumped, drawn_barbs
-from featherfx.feather.build import scale_feather
+from featherfx.feather.build import build_shapes, decode_shape, scale_feather
 from featherfx.feather.carry_kernels import keep_lengths
 from featherfx.feather.colours import FeatherColours, colour_feather, shading_of
 from featherfx.feather.density import density_map, scaled_map, scaled_points
 from featherfx.feather.detail import ThinnedGrid, choose_rows_and_nodes, restored
-from featherfx.feather.shapes import build_shapes, decode_shape
 from featherfx.feather.types import (
     Array,
     BarbCurves,
