@@ -1,11 +1,12 @@
 """Shapes of eight birds, by eye: distances to parts of a body, and where its landmarks are.
 
-Ellipsoids and tapered capsules in metres at the pigeon's size, x forward, y to the left, z up.
-make_body.py turns them into a mesh.
+Lofts, ellipsoids and tapered capsules in metres at the pigeon's size, x forward, y to the left, z
+up. make_body.py turns them into a mesh.
 """
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -53,9 +54,8 @@ class Build(NamedTuple):
     thickness, and how far it points down. eye: radius, m, of a head as large as the pigeon's, and
     how far it looks forward, 0 to 1. bare: radii of the eye, between which feathers begin. lean:
     deg, how far it stands up more. rump: (forward, up) m, where it ends, before roots of coverts.
-    shoulder: forward and up, m, where wings leave the trunk. breast: m, how far its front is moved
-    forwards, and factor of its breadth. hook: deg, that the upper bill turns down,
-    over a lower one.
+    shoulder: forward and up, m, where wings leave the trunk. hook: deg, that the upper bill turns
+    down, over a lower one.
     """
 
     size: float
@@ -71,7 +71,6 @@ class Build(NamedTuple):
     rump: tuple[float, float] = (-0.13, 0.131)
     legs: Legs = Legs()
     shoulder: tuple[float, float] = (0.04, 0.205)
-    breast: tuple[float, float] = (0.0, 1.0)
     hook: float = 0.0
 
 
@@ -100,11 +99,10 @@ BUILDS = {
         legs=Legs(thick=0.0042, toes=1.05, webbed=True),
         shoulder=(0.045, 0.207),
         hook=35.0,
-        breast=(0.012, 1.05),
     ),
     "owl": Build(
         0.95,
-        (0.85, 1.2, 1.1),
+        (0.9, 1.25, 1.12),
         ((0.0285, 0.0425),),
         head=1.5,
         beak=(0.5, 0.9, 2.6),
@@ -113,7 +111,6 @@ BUILDS = {
         bare=(0.95, 1.25),
         lean=25.0,
         rump=(-0.118, 0.135),
-        breast=(0.006, 1.1),
         legs=Legs(0.082, 0.048, 0.0062, 0.8, 0.014, down=True),
     ),
     "sparrow": Build(
@@ -177,7 +174,6 @@ BUILDS["owl_flying"] = BUILDS["owl"]._replace(  # stretched out, its legs drawn 
     neck=((0.045, 0.012),),
     lean=-14.0,
     rump=(-0.112, 0.138),
-    breast=(0.0, 1.0),
     legs=BUILDS["owl"].legs._replace(heel=0.104, sole=0.088, toes=0.6),
 )
 BUILDS["swan_flying"] = BUILDS["swan"]._replace(  # likewise; its neck is as long as in the S
@@ -185,19 +181,34 @@ BUILDS["swan_flying"] = BUILDS["swan"]._replace(  # likewise; its neck is as lon
     legs=BUILDS["swan"].legs._replace(heel=0.11, sole=0.092, toes=0.8),
 )
 NECK = np.array((0.06, 0.0, 0.2))  # where it begins
-REAR = np.array((0.1, 0.038, 0.053))
-FRONT = np.array(((0.056, 0, 0.173), (0.048, 0.051, 0.053)))
+# m, along the trunk of the pigeon from its rear to its breast, by eye: the middle's place forward
+# and up, half the depth across it, and half the breadth. Broad before the folded wings, slimmer
+# where they lie; the lower outline is one curve from the vent over the keel into the breast.
+TRUNK = np.array(
+    (
+        (-0.098, 0.1450, 0.020, 0.020),
+        (-0.070, 0.1545, 0.0395, 0.033),
+        (-0.040, 0.1630, 0.051, 0.038),
+        (-0.010, 0.1680, 0.056, 0.040),
+        (0.020, 0.1720, 0.056, 0.044),
+        (0.045, 0.1755, 0.053, 0.049),
+        (0.060, 0.1815, 0.045, 0.047),
+    )
+)
+MIDDLE = 0.033  # m forward, from which trunks are longer or shorter
 HIP = np.array((0.0, 0.0, 0.135))  # about which trunks lean
 
 
-def ellipsoid(points, centre, radii, pitch=0.0, yaw=0.0):
-    """About the distance to an ellipsoid, nose up by pitch (deg), turned left by yaw (deg)."""
-    local = points - np.array(centre)
-    p, w = np.radians(pitch), np.radians(yaw)
-    forward = np.array([np.cos(p) * np.cos(w), np.cos(p) * np.sin(w), np.sin(p)])
-    left = np.array([-np.sin(w), np.cos(w), 0.0])
-    local = local @ np.stack([forward, left, np.cross(forward, left)], axis=1)
-    scaled, steeper = local / np.array(radii), local / np.array(radii) ** 2
+def tilted(ways, pitch):
+    """Ways (..., 3), nose up by pitch (deg)."""
+    cos, sin = np.cos(np.radians(pitch)), np.sin(np.radians(pitch))
+    return ways @ np.array(((cos, 0, sin), (0, 1, 0), (-sin, 0, cos)))
+
+
+def ellipsoid(points, centre, radii, pitch):
+    """About the distance to an ellipsoid, nose up by pitch (deg)."""
+    local = tilted(points - centre, -pitch)
+    scaled, steeper = local / radii, local / radii**2
     size = np.linalg.norm(scaled, axis=-1)
     return size * (size - 1.0) / np.maximum(np.linalg.norm(steeper, axis=-1), 1e-9)
 
@@ -210,13 +221,31 @@ def capsule(points, start, end, first, last):
     return gap - (first + (last - first) * share)
 
 
+def loft(points, stations):
+    """About the distance to ellipses whose middles go through stations (S, 4) of TRUNK, m."""
+    y, flat = points[..., 1], points[..., [0, 2]]
+    found = np.inf
+    for start, end in pairwise(stations):
+        along = end[:2] - start[:2]
+        share = np.clip((flat - start[:2]) @ along / (along @ along), 0.0, 1.0)[..., None]
+        x, z, deep, broad = np.moveaxis(start + share * (end - start), -1, 0)
+        away = np.hypot(flat[..., 0] - x, flat[..., 1] - z)
+        size, steeper = np.hypot(away / deep, y / broad), np.hypot(away / deep**2, y / broad**2)
+        found = np.minimum(found, size * (size - 1.0) / np.maximum(steeper, 1e-9))
+    return found
+
+
+def trunk(build):
+    """(25, 4) stations of a bird's trunk, upright, m."""
+    long, broad, deep = build.trunk
+    places = np.linspace(0.0, len(TRUNK) - 1.0, 25)
+    x, z, half, side = CubicSpline(np.arange(len(TRUNK)), TRUNK)(places).T
+    return np.stack([MIDDLE + long * (x - MIDDLE), z, deep * half, broad * side], axis=1)
+
+
 def leant(build, points, sense=1.0):
     """Places of the pigeon's trunk (..., 3) as the bird stands, nose up; back with sense -1."""
-    angle = sense * np.radians(build.lean)
-    turn = np.array(
-        ((np.cos(angle), 0, -np.sin(angle)), (0, 1, 0), (np.sin(angle), 0, np.cos(angle)))
-    )
-    return HIP + (np.array(points) - HIP) @ turn.T
+    return HIP + tilted(np.array(points) - HIP, sense * build.lean)
 
 
 def neck(build):
@@ -271,19 +300,13 @@ def parts(points, build=BUILDS["pigeon"]):
     """
     x, y, z = np.moveaxis(points, -1, 0)
     right = np.stack([x, np.abs(y), z], axis=-1)  # both sides at once, on the left
-    trunk, upright, rump = np.array(build.trunk), leant(build, points, -1.0), build.rump
-    # broad before the folded wings, slimmer where they lie
-    (ahead, broad), (middle, radii) = build.breast, FRONT
-    torso = union(
-        ellipsoid(upright, (-0.012, 0, 0.168), REAR * trunk, 17),
-        ellipsoid(upright, middle + np.array((ahead, 0, 0)), radii * trunk * (1, broad, 1), 30),
-    )
+    upright, rump = leant(build, points, -1.0), build.rump
     path = neck(build)
     thick = np.linspace(build.slim[0], 0.95 * build.slim[1] * build.head, len(path))
     necks = zip(path, path[1:], thick, thick[1:], strict=False)
     skull = (0.0265, 0.0205, 0.0215) * np.full(3, build.head)
     return {
-        "torso": torso,
+        "torso": loft(upright, trunk(build)),
         "neck": np.min([capsule(points, *each) for each in necks], axis=0),
         "head": ellipsoid(points, skull_of(build), skull, -8),
         "beak": np.min([capsule(points, *each) for each in horns(build)], axis=0),
@@ -337,13 +360,14 @@ def eye(build):
 
 def landmarks(build):
     """Those of a groom's [bird], (3,) m by name, at the bird's size."""
-    skull, (long, wide, deep) = skull_of(build), build.trunk
+    skull, (_, wide, deep) = skull_of(build), build.trunk
     (ahead, up), (middle, _) = build.shoulder, eye(build)
+    front = trunk(build)[-1]
     found = {
         "beak": beak(build)[1],
         "crown": skull + build.head * np.array((0.001, 0, 0.022)),
         "nape": skull + build.head * np.array((-0.023, 0, 0.005)),
-        "breast": leant(build, (0.055 + 0.05 * long + build.breast[0], 0, 0.185)),
+        "breast": leant(build, (front[0] + front[2], 0, 0.185)),
         "right_shoulder": leant(build, (ahead, -0.042 * wide, up)),
         "left_shoulder": leant(build, (ahead, 0.042 * wide, up)),
         "vent": leant(build, (-0.075, 0, 0.168 - 0.053 * deep)),

@@ -6,11 +6,11 @@ BIRD is pigeon, gull, owl, owl_flying, sparrow, parrot, peacock, swan, swan_flyi
 bodies.py; the landmarks of a groom's [bird] are printed.
 Folded wings are no part of the shape: they are feathers alone. samples/first_bird has the same one.
 
-The shape is a smooth union of ellipsoids and tapered capsules, given by its distance function and
-turned into a mesh by surface nets (Gibson 1998): one point in every cell of a lattice that the
-surface passes, drawn onto it, and one face for every edge of the lattice that it cuts. Metres, x
-forward, y to the left, z up. Vertex primvars tell how much of each part there is at a point; they
-add up to 1, and `eye` where no feathers shall be for the sake of the eyes.
+The shape is a smooth union of a loft, an ellipsoid and tapered capsules, given by its distance
+function and turned into a mesh by surface nets (Gibson 1998): one point in every cell of a lattice
+that the surface passes, drawn onto it, and one face for every edge of the lattice that it cuts.
+Metres, x forward, y to the left, z up. Vertex primvars tell how much of each part there is at a
+point; they add up to 1, and `eye` where no feathers shall be for the sake of the eyes.
 """
 
 from __future__ import annotations
