@@ -172,33 +172,32 @@ def _stands_for(model, f, i):
 def _even_out(model, f, side, area, room, passed_on):
     """Areas of the nodes of one vane, along its normals evened out along the rachis.
 
-    The rows' equations are tridiagonal systems, one a column, solved from the base to the tip and
-    back. area: (n, 1 + 2 m, 3), written. room: the same, scratch. passed_on: (n, 1 + 2 m), scratch.
+    The rows' equations are one tridiagonal system, solved for all columns from the base to the tip
+    and back; a node without area has no normal. area: (n, 1 + 2 m, 3), written. room: the same,
+    scratch. passed_on: (n, .), scratch.
     """
     rows, columns, below = area.shape[0], area.shape[1] // 2, 0.0
     first = node_index(side, 1, columns)
     for i in range(rows):
-        stretch, above = _stands_for(model, f, i), _joined(model, f, side, i)
+        own, above = _stands_for(model, f, i), _joined(model, f, side, i)
+        share = passed_on[i - 1, 0] if i > 0 else 0.0
+        whole = 1.0 / (own + above + below * (1.0 - share))
+        own, share, passed_on[i, 0] = own * whole, below * whole, above * whole
         for p in range(first, first + columns):
-            store(room[i, p], area[i, p])
             size = length(area[i, p])
-            own, share = stretch if size > 0.0 else 0.0, passed_on[i - 1, p] if i > 0 else 0.0
-            whole = own + above + below * (1.0 - share)
-            of_own = own / (whole * size) if own > 0.0 else 0.0
-            passed_on[i, p] = above / whole if whole > 0.0 else 0.0
-            store(area[i, p], scale(of_own, area[i, p]))
-            if below > 0.0 and whole > 0.0:
-                accumulate(area[i, p], below / whole, area[i - 1, p])
+            normal = scale(own / size if size > 0.0 else 0.0, area[i, p])
+            if share > 0.0:
+                normal = combined(1.0, normal, share, room[i - 1, p])
+            store(room[i, p], normal)
         below = above
     for k in range(rows):
-        i = rows - 1 - k
+        i, share = rows - 1 - k, passed_on[rows - 1 - k, 0]
         for p in range(first, first + columns):
-            if k > 0:
-                accumulate(area[i, p], passed_on[i, p], room[i + 1, p])
-            square = dot(area[i, p], area[i, p])
+            if share > 0.0:
+                accumulate(room[i, p], share, room[i + 1, p])
+            square = dot(room[i, p], room[i, p])
             seen = abs(dot(room[i, p], area[i, p])) / square if square > 0.0 else 0.0
-            store(room[i, p], area[i, p])
-            store(area[i, p], scale(seen, area[i, p]))
+            store(area[i, p], scale(seen, room[i, p]))
 
 
 @kernel
@@ -260,17 +259,21 @@ def _accelerate_slip(motion, points, span, spin, change, around):
     heavy, what is light along it would throw it across.
     """
     _, h, rate, inertia = span
-    root = scale(rate, sub(points[0, 0], around.past.nodes[0, 0]))
+    start = points[0, 0]
+    root = scale(rate, sub(start, around.past.nodes[0, 0]))
     for i in range(points.shape[0]):
         for p in range(points.shape[1]):
+            around.slip[i, p] = 0.0
+            if around.carried[i, p] == 0.0:
+                continue
             x, n = points[i, p], unit_normal(around.area[i, p])
-            velocity = scale(rate, sub(x, around.past.nodes[i, p]))
-            turn, spun = sub(n, unit_normal(around.aside[i, p])), cross(spin, n)
-            rigid = add(root, cross(spin, sub(x, points[0, 0])))
-            free = combined(1.0, motion.points[i, p], h, motion.velocity[i, p])
-            g = dot(n, change) + dot(spun, sub(around.wind[i, p], velocity))
-            g += dot(combined(1.0 / h, turn, -1.0, spun), sub(rigid, velocity))
-            around.slip[i, p] = g - inertia * dot(turn, sub(around.target.nodes[i, p], free))
+            turn, rigid = sub(n, unit_normal(around.aside[i, p])), cross(spin, sub(x, start))
+            velocity = combined(1.0, root, -rate, sub(x, around.past.nodes[i, p]))
+            aim = sub(around.target.nodes[i, p], motion.points[i, p])
+            aim = combined(inertia, aim, -inertia * h, motion.velocity[i, p])
+            push = cross(spin, sub(add(root, rigid), around.wind[i, p]))
+            aim = combined(1.0 / h, add(velocity, rigid), -1.0, aim)
+            around.slip[i, p] = dot(n, add(change, push)) + dot(turn, aim)
 
 
 @shared_kernel(None)
@@ -357,20 +360,20 @@ def _attach_row(points, i, flow, velocity, around):
     middle = scale(0.5, add(points[i, columns], points[i, 2 * columns]))
     through, whole, stream = 0.0, 0.0, around.stream[i]
     for p in range(points.shape[1]):
-        u, size = sub(velocity[i, p], around.wind[i, p]), length(around.area[i, p])
-        n = unit_normal(around.area[i, p])
-        along = combined(1.0, u, -dot(u, n), n)
+        size = length(around.area[i, p])
+        if size == 0.0:
+            continue
+        u, n = sub(velocity[i, p], around.wind[i, p]), scale(1.0 / size, around.area[i, p])
+        un = dot(u, n)
+        along = combined(1.0, u, -un, n)
         across = combined(1.0, along, -dot(along, way), way)
         half, ahead = 0.5 * abs(dot(across, ends)), dot(across, sub(points[i, p], middle))
-        stream[p, 0], stream[p, 2] = length(across), dot(u, n)
+        stream[p, 0], stream[p, 2] = length(across), un
         stream[p, 1] = 1.0 + min(max(ahead / half, -1.0), 1.0) if half > 0.0 else 1.0
-        through += size * dot(u, n)
-        whole += size
-    mean = through / whole if whole > 0.0 else 0.0
+        through, whole = through + size * un, whole + size
+    mean = flow[1] * through / (flow[0] * whole) if whole > 0.0 else 0.0
     for p in range(points.shape[1]):
         speed, ahead, un = stream[p, 0], stream[p, 1], stream[p, 2]
-        push, rise = (
-            _attached(flow[1] * mean / (flow[0] * speed)) if speed > NO_SPEED else (0.0, 0.0)
-        )
+        push, rise = _attached(mean / speed) if speed > NO_SPEED else (0.0, 0.0)
         slope = ahead * speed * flow[1] * rise
         stream[p, 0], stream[p, 1] = ahead * speed * speed * flow[0] * push - slope * un, slope

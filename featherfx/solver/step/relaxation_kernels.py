@@ -23,6 +23,7 @@ the sign of p (1 - a) sin(w): it takes energy at every length of step (derived h
 
 from math import exp, expm1
 
+from featherfx.algebra.vector_kernels import copy_values
 from featherfx.algebra.views import shaped
 from featherfx.jit.compiled import kernel
 from featherfx.solver.step.strain_kernels import copy_strains, strains_at
@@ -72,21 +73,25 @@ def set_reference(model, f, part, steps, span, history, reference):
     of the last one, and of the dashpots. reference: (...). span: first and last of those that are
     set, in order.
     """
-    count = reference.size
+    (first, last), (h, before), count = span, steps, reference.size
     past, out = shaped(history, (history.shape[0], count)), shaped(reference, (count,))
-    (first, last), (h, before), time = span, steps, model.retardation[f, part]
+    start, out = past[0, first:last], out[first:last]
     _, b, c = _difference_weights(h, before)
     whole = damping_over(model, f, part, h, before)
-    own = time * (c / h) / whole if whole > 0.0 else 1.0
-    for k in range(first, last):
-        out[k] = past[0, k] + own * b / c * (past[0, k] - past[1, k])
-    if whole == 0.0:
-        return
-    for i in range(model.relaxation_time.shape[2]):
+    own = model.retardation[f, part] * (c / h) / whole if whole > 0.0 else 1.0
+    copy_values(start, out)
+    _move(-own * b / c, start, past[1, first:last], out)
+    for i in range(model.relaxation_time.shape[2] if whole > 0.0 else 0):
         decayed, _ = _decay(h, model.relaxation_time[f, part, i])
         pull = model.relaxation_weight[f, part, i] * decayed / whole
-        for k in range(first, last):
-            out[k] += pull * (past[2 + i, k] - past[0, k])
+        _move(pull, start, past[2 + i, first:last], out)
+
+
+@kernel
+def _move(part, start, end, out):
+    """Add a part of the way from start to end to out, all (.,)."""
+    for k in range(out.size):
+        out[k] += part * (end[k] - start[k])
 
 
 @kernel
