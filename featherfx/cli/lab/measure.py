@@ -72,7 +72,7 @@ def measure_house(folder: Path | None) -> None:
 
     FOLDER: another package than featherfx.
     """
-    for line in program.package_table(folder or Path(program.__file__).parents[2]):
+    for line in program.package_table(folder or Path(program.__file__).parents[1]):
         click.echo(line)
 
 
