@@ -8,9 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from featherfx.groom.types import Groom, Joint
-from featherfx.shot.sources import MovingSurface
+
+if TYPE_CHECKING:
+    from featherfx.shot.sources import MovingSurface
 
 NECK, HEAD = "neck", "head"
 TARSI = "right_tarsus", "left_tarsus"

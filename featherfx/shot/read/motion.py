@@ -32,13 +32,11 @@ from featherfx.groom.read.space import SceneReaders
 from featherfx.groom.types import Groom
 from featherfx.packages import load_name
 from featherfx.shot.frames import MAX_RATE, MIN_RATE, StageClock
-from featherfx.shot.motion.beat import beats_in_time
 from featherfx.shot.motion.body_joints import BODY_JOINTS
-from featherfx.shot.sources import MovingSurface
 from featherfx.shot.types import Motion
 
 if TYPE_CHECKING:
-    from featherfx.shot.sources import OfScene
+    from featherfx.shot.sources import MovingSurface, OfScene
 
 
 DEFAULT_RATE = 24.0  # 1/s, where neither shot nor stage gives one
@@ -218,6 +216,7 @@ def _ends(motion: Motion) -> Iterator[float]:
         and values["beats"]
         and isinstance(values["wingbeat_frequency"], float | int)
     ):
+        beats_in_time = load_name("motion.beat:beats_in_time")
         own = [beats_in_time(values["beats"])[1] / values["wingbeat_frequency"]]
     elif motion.kind not in ("hold", "level"):
         own = [math.inf]

@@ -31,7 +31,6 @@ from pxr import Gf, Sdf, UsdGeom, UsdShade
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import Problem
-from featherfx.feather.colours import brightness, charted
 from featherfx.files.atomic_write import Store
 from featherfx.groom.materials import RACHIS_COLOUR, VANE_COLOUR, displayed
 from featherfx.usd.types import FeatherEntry, OutputError
@@ -338,6 +337,8 @@ class Atlas:
 
     def _chart(self, entry: FeatherEntry, known: dict[Any, Array]) -> Array:
         """Return (H, W, 3) linear colours of a feather, the root first."""
+        from featherfx.feather.colours import brightness, charted
+
         if entry.shape is None:
             return np.array(VANE_COLOUR)[None, None]
         kind, mirrored, _ = entry.shape
