@@ -37,8 +37,7 @@ from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import Simulation, simulate
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options import FeatherOptions, resolve_options, simulation_quality
-from featherfx.shot.patterns import part_of
-from featherfx.shot.types import Quality, Shot
+from featherfx.shot.types import Quality, Shot, part_of
 
 # feathers that are looked at by default
 _LOOKED_AT = 4

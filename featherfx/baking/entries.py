@@ -27,8 +27,8 @@ from featherfx.limits import refuse_beyond_memory
 from featherfx.mechanics.batch import may_slip
 from featherfx.phases import phase
 from featherfx.shot.frames import place
-from featherfx.shot.patterns import last_fitting
-from featherfx.shot.types import Quality, Shot, Wet
+from featherfx.shot.patterns import Wet, last_fitting
+from featherfx.shot.types import Quality, Shot
 from featherfx.usd.types import FeatherEntry
 from featherfx.usd.write.options import BOTH_FORMS, CONDENSED_FORM, CURVES_FORM
 

@@ -32,7 +32,8 @@ from featherfx.groom.types import Groom
 from featherfx.jit.compile_progress import PROGRESS, working_time
 from featherfx.phases import Progress, account, tells_progress
 from featherfx.shot.loop.run import drawn_feathers
-from featherfx.shot.types import LEVELS, Quality, Shot
+from featherfx.shot.patterns import LEVELS
+from featherfx.shot.types import Quality, Shot
 from featherfx.usd.types import StageSpace
 from featherfx.usd.write.cache_writer import chunk_bytes
 from featherfx.usd.write.options import CHUNK_FRAMES, CONTACT_CHUNK_FRAMES

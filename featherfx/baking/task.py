@@ -213,7 +213,7 @@ def _part(shot: Shot, feathers: tuple[int, int] | None) -> tuple[Shot, Shot, Seq
         return shot, shot, range(len(shot.groom.feathers))
     from featherfx.shot.detail.guides import uses_guides
     from featherfx.shot.partition.partition import share_numbers
-    from featherfx.shot.patterns import part_of
+    from featherfx.shot.types import part_of
 
     numbers = share_numbers(shot, *feathers)
     part = part_of(shot, numbers)

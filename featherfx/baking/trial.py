@@ -50,8 +50,7 @@ from featherfx.shot.options import (
     ShotOptions,
     resolve_options,
 )
-from featherfx.shot.patterns import part_of
-from featherfx.shot.types import Shot
+from featherfx.shot.types import Shot, part_of
 from featherfx.usd.write.output import choose_group, unique_prim_names
 
 # feathers of the first trials and of the next, and frames of each

@@ -12,8 +12,8 @@ from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options import resolve_options
 from featherfx.shot.partition.partition import shot_islands
-from featherfx.shot.patterns import may_touch, part_of
-from featherfx.shot.types import Detail, Shot
+from featherfx.shot.patterns import Detail
+from featherfx.shot.types import Shot, may_touch, part_of
 
 # feathers that go through all frames; neighbours that are tried together
 MAX_COURSE, _TOGETHER = 32, 16

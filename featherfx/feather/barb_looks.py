@@ -38,7 +38,7 @@ import scipy
 from featherfx.algebra.sparse import from_scipy
 from featherfx.algebra.vectors import dots, unit
 from featherfx.errors import InputError
-from featherfx.feather.build import build_feather
+from featherfx.feather.build import build_feather, build_shapes
 from featherfx.feather.density import density_map, linear_weights
 from featherfx.feather.profiles import at_places, vane_shares
 from featherfx.feather.types import (
@@ -407,3 +407,28 @@ def _of_sort(
     entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
     matrix = scipy.sparse.csr_array(entries, shape=shape)
     return barb, np.full(len(barb), sort), lengths[barb] / count, matrix
+
+
+@dataclass(frozen=True)
+class ExpandedShape:
+    """Shared parts of feathers of one shape and grid, unit size and metres.
+
+    own: on the written grid. fine: on the drawn one. to_fine: the map to that, None where it is
+    own.
+    """
+
+    own: Feather
+    fine: Feather
+    to_fine: RowMap | None
+
+
+@lru_cache(maxsize=4096)
+def expand_shape(
+    shape: tuple[FeatherKind, bool], own: tuple[int, int], wanted: tuple[int, int]
+) -> ExpandedShape:
+    """Return feathers of a kind and side. own, wanted: rows and columns."""
+    (fine,) = build_shapes((shape,), *wanted)
+    if own == wanted:
+        return ExpandedShape(fine, fine, None)
+    (written,) = build_shapes((shape,), *own)
+    return ExpandedShape(written, fine, density_map(written, fine))

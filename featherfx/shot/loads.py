@@ -46,9 +46,9 @@ from featherfx.feather.types import LEADING, TRAILING, Feather, barb_slice
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.model import Loads, no_contacts
 from featherfx.mechanics.resolution import barb_load, rachis_deflection
-from featherfx.shot.patterns import fits
+from featherfx.shot.patterns import Force, Grip, fits
 from featherfx.shot.roots import Roots, sampled_rates, some_roots
-from featherfx.shot.types import Force, Grip, Shot, Wind
+from featherfx.shot.types import Shot, Wind
 
 _MODES = 24
 # Wave numbers over that of the largest energy; 0.1 % of the energy lies below, 7 % above.

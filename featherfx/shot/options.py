@@ -37,9 +37,9 @@ from featherfx.shot.loads import (
     estimate_loads,
     vane_pressure,
 )
-from featherfx.shot.patterns import last_fitting, may_touch
+from featherfx.shot.patterns import UNSOLVED_LEVELS, last_fitting
 from featherfx.shot.roots import Roots
-from featherfx.shot.types import UNSOLVED_LEVELS, MeasuredGrid, Quality, Shot
+from featherfx.shot.types import MeasuredGrid, Quality, Shot, may_touch
 from featherfx.solver.solver import Settings
 
 # the options that a shot decides, in the order in which they are told

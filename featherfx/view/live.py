@@ -32,7 +32,8 @@ from featherfx.groom.types import Placement
 from featherfx.render.geometry import DrawnPose
 from featherfx.shot.frames import FeatherPose, Frame, place
 from featherfx.shot.loop.live import JoinedSurfaces, LiveSimulation
-from featherfx.shot.types import Grip, Shot
+from featherfx.shot.patterns import Grip
+from featherfx.shot.types import Shot
 from featherfx.usd.write.cache_writer import CacheWriter
 from featherfx.view.page import BYTES, HTML, JSON, Server, page
 from featherfx.view.played import STRAIN, Played
@@ -67,8 +68,7 @@ class LiveSource:
 
 class Made(NamedTuple):
     """A simulation that was set up. triangles: of all feathers, corners by feather. points, barbs:
-    (V, 3), (T, 3), as of DrawnPose, at rest. often: samples a frame.
-    surfaces: of all feathers."""
+    (V, 3), (T, 3), as of DrawnPose, at rest. often: samples a frame. surfaces: of all feathers."""
 
     shot: Shot
     simulation: LiveSimulation

@@ -15,7 +15,8 @@ from featherfx.errors import InputWarning
 from featherfx.groom.types import Joint
 from featherfx.shot.frames import Frame
 from featherfx.shot.loop.simulate import simulate
-from featherfx.shot.types import Contact, Detail, Motion, Shot
+from featherfx.shot.patterns import Detail
+from featherfx.shot.types import Contact, Motion, Shot
 
 THICKNESS = 5e-4
 SHOULDER, UPWARDS = np.array([[0.0, -0.2, 0.0], [0.0, 0.0, 1.0]])

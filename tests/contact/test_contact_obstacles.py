@@ -12,7 +12,8 @@ from shingled import in_line, least_gap
 from featherfx.shot.frames import Frame
 from featherfx.shot.loop.simulate import Checkpoint, Simulation, simulate
 from featherfx.shot.partition.partition import shot_islands
-from featherfx.shot.types import Contact, Detail, Shelter, Shot
+from featherfx.shot.patterns import Detail, Shelter
+from featherfx.shot.types import Contact, Shot
 
 THICKNESS = 5e-4
 LAST = 4

@@ -32,9 +32,10 @@ from featherfx.shot.contact.steps import (
 )
 from featherfx.shot.frames import StageClock
 from featherfx.shot.loop.simulate import simulate
+from featherfx.shot.patterns import Detail, Force
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.sources import TimedSurface
-from featherfx.shot.types import Detail, Force, Motion
+from featherfx.shot.types import Motion
 from featherfx.solver.contact.interval import ContactSolver
 from featherfx.solver.contact.interval_options import PLAIN_INTERVAL, ContactReport
 from featherfx.solver.state import make_report

@@ -6,10 +6,11 @@ from pathlib import Path
 import pytest
 
 from featherfx.groom.keys.groom import GROOM_FILE
+from featherfx.groom.keys.places import Named
 from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.renamed import REMOVED, RENAMED
-from featherfx.groom.keys.values import ArrayOf, Either, Named, Partial, Table, Tables
+from featherfx.groom.keys.values import ArrayOf, Either, Partial, Table, Tables
 from featherfx.shot.read.keys import SHOT_FILE
 
 CHANGELOG = Path(__file__).parents[2] / "CHANGELOG.md"

@@ -9,14 +9,21 @@ from copy import deepcopy
 import featherfx
 from featherfx.errors import InputError, SimulationError
 from featherfx.groom.keys.groom import GROOM_FILE
-from featherfx.groom.keys.places import _POINT, SPHERE_TABLE, PartPreset, Point, Preset, Sphere
+from featherfx.groom.keys.places import (
+    _POINT,
+    SPHERE_TABLE,
+    Named,
+    PartPreset,
+    Point,
+    Preset,
+    Sphere,
+)
 from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.values import (
     REQUIRED,
     ArrayOf,
     Either,
     Flag,
-    Named,
     Number,
     Partial,
     Table,

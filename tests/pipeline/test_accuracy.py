@@ -14,7 +14,7 @@ from featherfx.baking.accuracy import _AT_FIRST, _PARTS, chosen_feathers, own_gr
 from featherfx.errors import InputWarning
 from featherfx.feather.density import density_map
 from featherfx.shot.loop.simulate import simulate
-from featherfx.shot.patterns import part_of
+from featherfx.shot.types import part_of
 
 
 def sample(name, frames=None):

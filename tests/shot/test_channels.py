@@ -13,8 +13,8 @@ from featherfx.shot.direction.channels import courses
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.partition.dependence import motion_dependences
+from featherfx.shot.patterns import CHANNELS, Channel, Detail
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.types import CHANNELS, Channel, Detail
 
 # m, within the reach of the roots of two wings
 SOFT = 1.0

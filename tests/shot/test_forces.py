@@ -14,8 +14,9 @@ from featherfx.feather.build import build_feather
 from featherfx.feather.types import LEADING, barb_slice
 from featherfx.shot.loads import force_at, force_weights, frame_loads, hat_integrals
 from featherfx.shot.loop.simulate import simulate
+from featherfx.shot.patterns import Force
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.types import Force, Shot
+from featherfx.shot.types import Shot
 
 SAMPLE = SAMPLES / "feather_pull" / "shot.toml"
 

@@ -17,8 +17,9 @@ from featherfx.groom.types import Placement
 from featherfx.shot.detail.guided import Followers, Shapes
 from featherfx.shot.detail.guides import guide_weights, make_skin_graph, root_distances
 from featherfx.shot.loop.simulate import simulate
+from featherfx.shot.patterns import Detail
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.types import Detail, Motion, Shot
+from featherfx.shot.types import Motion, Shot
 
 
 def row_of(count: int, frames: int = 5, spread: float = 0.02) -> Shot:

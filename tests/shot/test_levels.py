@@ -17,9 +17,10 @@ from featherfx.mechanics.model import no_loads
 from featherfx.mechanics.resolution import ROW_NUMBERS, rachis_deflection, rows_for
 from featherfx.shot.loop.simulate import Simulation, simulate
 from featherfx.shot.options import length_factor
+from featherfx.shot.patterns import Detail
 from featherfx.shot.read.read import check_file, read_shot
 from featherfx.shot.roots import end_rates
-from featherfx.shot.types import Detail, Motion, Shot
+from featherfx.shot.types import Motion, Shot
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.state import rest_state
 

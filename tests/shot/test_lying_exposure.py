@@ -14,10 +14,10 @@ from featherfx.shot.frames import StageClock
 from featherfx.shot.loads import exposures
 from featherfx.shot.loop import shelter
 from featherfx.shot.loop.shelter import LEAST, lying_exposures
-from featherfx.shot.patterns import part_of
+from featherfx.shot.patterns import Shelter
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.skin import SkinSurfaces
-from featherfx.shot.types import Shelter
+from featherfx.shot.types import part_of
 
 SHOT = read_shot(SAMPLES / "feather_pull" / "shot.toml")
 ONE = SHOT.groom.feathers[0]

@@ -10,8 +10,8 @@ from places import SAMPLES
 
 from featherfx.packages import MOTION_SOURCES, PACKAGES, brought, is_asked, load_name
 from featherfx.shot.loop.run import ShotLoad, Stage
+from featherfx.shot.patterns import Shelter
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.types import Shelter
 
 SAMPLE = SAMPLES / "feather_pull" / "shot.toml"
 

@@ -27,9 +27,9 @@ from featherfx.shot.options import (
     simulation_quality,
     stepped_down,
 )
-from featherfx.shot.patterns import part_of
+from featherfx.shot.patterns import Detail
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.types import Detail
+from featherfx.shot.types import part_of
 
 PULL = SAMPLES / "feather_pull/shot.toml"
 GROOM = """name = "g"

@@ -17,13 +17,12 @@ from jsonschema import Draft202012Validator
 from places import ROOT
 
 from featherfx.groom.keys.groom import GROOM_FILE
-from featherfx.groom.keys.places import Preset
+from featherfx.groom.keys.places import Named, Preset
 from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import (
     ArrayOf,
     Either,
-    Named,
     Number,
     Partial,
     Table,

@@ -14,8 +14,9 @@ from featherfx.shot.loads import exposures
 from featherfx.shot.loop.placement import place_feathers
 from featherfx.shot.loop.simulate import Simulation, simulate
 from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.patterns import Shelter
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.types import Motion, Shelter, Shot
+from featherfx.shot.types import Motion, Shot
 
 
 def one_feather(speed: float, share: float | None, gust: float = 0.3) -> Shot:

@@ -9,8 +9,9 @@ import pytest
 from places import SAMPLES
 
 from featherfx.shot.loop.simulate import Simulation, simulate
+from featherfx.shot.patterns import Force, Grip
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.types import Force, Grip, Motion, Shot
+from featherfx.shot.types import Motion, Shot
 
 SAMPLE = SAMPLES / "feather_pull" / "shot.toml"
 STILL, MOVED = 4, 8

@@ -17,7 +17,8 @@ from featherfx.shot.direction.targets import _shortest, along_line
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.partition.dependence import motion_dependences
-from featherfx.shot.types import Channel, Detail, Motion, Target
+from featherfx.shot.patterns import Channel, Detail, Target
+from featherfx.shot.types import Motion
 
 SAMPLE = SAMPLES / "swan_wing"
 HELD = ((3, 0), (8, 1), (14, 1), (20, 0))

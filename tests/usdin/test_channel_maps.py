@@ -12,7 +12,7 @@ from featherfx.errors import InputError
 from featherfx.feather.crossings import strips_of
 from featherfx.shot.direction.channels import courses
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.types import Channel
+from featherfx.shot.patterns import Channel
 
 SKIN = 'usd = "skin.usda"\nprim = "/bird/skin"\ntolerance = 10'
 CHANNEL = '\n[[channel]]\nname = "ruffle"\nkeys = [[1, 30]]\nmap = "{}"\n'

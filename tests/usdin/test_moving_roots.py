@@ -10,8 +10,8 @@ from featherfx.shot.frames import StageClock
 from featherfx.shot.loads import estimate_loads
 from featherfx.shot.motion.cuts import CutRoots
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.patterns import part_of
 from featherfx.shot.roots import PickedRoots, RunUp, RunUpRoots, some_roots
+from featherfx.shot.types import part_of
 
 
 def turns_of(skin, time):

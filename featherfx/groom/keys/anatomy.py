@@ -5,18 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Annotated
 
-from featherfx.groom.keys.places import Preset
-from featherfx.groom.keys.values import (
-    ArrayOf,
-    Default,
-    Flag,
-    Key,
-    Named,
-    Number,
-    Table,
-    Text,
-    keys_of,
-)
+from featherfx.groom.keys.places import Named, Preset
+from featherfx.groom.keys.values import ArrayOf, Default, Flag, Key, Number, Table, Text, keys_of
 from featherfx.groom.materials import Colour, Shade
 
 _LENGTH = Number(1e-3, 5, "m")

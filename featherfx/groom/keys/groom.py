@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from featherfx.groom.keys.places import POINT, SPACE_KEYS, Direction
-from featherfx.groom.keys.preset import DIAL_KEYS, FEATHER_KEYS, names_or_list
+from featherfx.groom.keys.places import (
+    POINT,
+    SPACE_KEYS,
+    Direction,
+    LazyKeys,
+    Named,
+    TextsByName,
+    names_or_list,
+)
+from featherfx.groom.keys.preset import DIAL_KEYS, FEATHER_KEYS
 from featherfx.groom.keys.values import (
     ArrayOf,
     Flag,
     Key,
-    LazyKeys,
-    Named,
     Number,
     Partial,
     Table,
     Text,
-    TextsByName,
     keys_of,
     tables,
     vector,

@@ -8,9 +8,10 @@ turns them into metres of the groom's frame. A preset is a name, or a table that
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from importlib import import_module
 from typing import Any
 
 from featherfx.groom.keys.problems import INVALID, Place
@@ -23,10 +24,13 @@ from featherfx.groom.keys.values import (
     Number,
     Table,
     Text,
+    ValueType,
     one_of_types,
     shown,
     vector,
+    whole_type,
 )
+from featherfx.limits import MAX_PATTERNS
 
 _COORDINATE = Number(-1e4, 1e4, "m")
 
@@ -241,3 +245,88 @@ def _needed(table: Table) -> JsonSchema:
         elif isinstance(key.type, Preset):
             within[name] = key.type.complete()
     return result | ({"properties": within} if within else {})
+
+
+@dataclass(frozen=True)
+class TextsByName:
+    """A table of texts whose names are free."""
+
+    def check(self, value: Any, place: Place, partial: bool) -> Any:
+        if not isinstance(value, dict):
+            return place.fail(f"{shown(value)} is not a table of texts")
+        found = {name: Text().check(each, place.child(name), False) for name, each in value.items()}
+        return INVALID if any(each is INVALID for each in found.values()) else found
+
+    def describe(self) -> tuple[str, str, str]:
+        return "table of texts", "", ""
+
+    def schema(self, partial: bool) -> JsonSchema:
+        return {"type": "object", "additionalProperties": Text().schema(False)}
+
+
+class LazyKeys(Mapping[str, Key]):
+    """Keys of a table that another module declares; they are imported on first use."""
+
+    def __init__(self, module: str, name: str):
+        self._home = module, name
+
+    @cached_property
+    def _keys(self) -> Mapping[str, Key]:
+        module, name = self._home
+        found: Mapping[str, Key] = getattr(import_module(module), name)
+        return found
+
+    def __getitem__(self, name: str) -> Key:
+        return self._keys[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._keys)
+
+    def __len__(self) -> int:
+        return len(self._keys)
+
+
+@dataclass(frozen=True)
+class Named:
+    """A table whose keys are free names and whose values are all of one type.
+
+    When checked, those that are sound: a wrong one leaves the others.
+    """
+
+    item: ValueType
+
+    def check(self, value: Any, place: Place, partial: bool) -> dict[str, Any]:
+        if not isinstance(value, dict):
+            place.fail(f"{shown(value)} is not a table")
+            return {}
+        if len(value) > MAX_PATTERNS:
+            place.fail(f"has {len(value)} keys. Give at most {MAX_PATTERNS}")
+            return {}
+        result = {}
+        for name, each in value.items():
+            at = place.child(f'"{name}"')
+            if not isinstance(each, dict) and name in getattr(whole_type(self.item), "keys", {}):
+                told = f'Write [{place.key}."NAME"] above it, with a name or pattern'
+                result[name] = at.fail(f"stands below no name. {told} such as *")
+            else:
+                result[name] = self.item.check(each, at, partial)
+        return {name: each for name, each in result.items() if each is not INVALID}
+
+    def describe(self) -> tuple[str, str, str]:
+        return "table", "", ""
+
+    def schema(self, partial: bool) -> JsonSchema:
+        return {"type": "object", "additionalProperties": self.item.schema(partial)}
+
+
+def the_one(names: Sequence[str], table: dict[str, Any], place: Place) -> str:
+    """Return the only one of some keys in a checked table. Raises InputError unless it is one."""
+    given = [name for name in names if table[name] is not None]
+    if len(given) != 1:
+        place.refuse(f"holds {' and '.join(given) or 'none'}, expects one of {', '.join(names)}")
+    return given[0]
+
+
+def names_or_list(item: ValueType, most: int) -> Either:
+    """One text, or an array of them."""
+    return Either({str: Text(), list: ArrayOf(item, 1, most)})

@@ -12,8 +12,8 @@ from featherfx.groom.keys.groom import (
     SURFACE_KEYS,
     VARIANT_KEYS,
 )
-from featherfx.groom.keys.places import POINT, RADIUS_LENGTH, Direction, Sphere
-from featherfx.groom.keys.preset import DIAL_KEYS, FEATHER_KEYS, PRESET_FAMILIES, names_or_list
+from featherfx.groom.keys.places import POINT, RADIUS_LENGTH, Direction, Sphere, names_or_list
+from featherfx.groom.keys.preset import DIAL_KEYS, FEATHER_KEYS, PRESET_FAMILIES
 from featherfx.groom.keys.values import (
     ArrayOf,
     Either,

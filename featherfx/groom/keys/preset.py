@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 from featherfx.algebra.types import Array, ByValue
-from featherfx.groom.keys.places import Direction, PartPreset, Preset
+from featherfx.groom.keys.places import Direction, LazyKeys, PartPreset, Preset, TextsByName
 from featherfx.groom.keys.values import (
     REQUIRED,
     ArrayOf,
@@ -14,12 +14,9 @@ from featherfx.groom.keys.values import (
     Either,
     Flag,
     Key,
-    LazyKeys,
     Number,
     Table,
     Text,
-    TextsByName,
-    ValueType,
     keys_of,
     vector,
 )
@@ -27,8 +24,7 @@ from featherfx.groom.materials import RachisMaterial, VaneMaterial
 from featherfx.groom.types import FeatherKind
 
 _LENGTH = Number(0, 100, "m")
-# percent
-_DEFAULT_ERROR = 0.5
+_DEFAULT_ERROR = 0.5  # percent
 
 
 @dataclass(frozen=True)
@@ -502,8 +498,3 @@ PRESET_FAMILIES = {
         Preset("bird", LazyKeys("featherfx.groom.keys.anatomy", "BIRD_TYPE")),
     )
 }
-
-
-def names_or_list(item: ValueType, most: int) -> Either:
-    """One text, or an array of them."""
-    return Either({str: Text(), list: ArrayOf(item, 1, most)})

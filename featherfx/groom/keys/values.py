@@ -10,10 +10,8 @@ from __future__ import annotations
 import math
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass, replace
-from functools import cached_property
-from importlib import import_module
 from itertools import islice
 from types import SimpleNamespace
 from typing import Any, Protocol, get_args, get_type_hints
@@ -22,7 +20,6 @@ from featherfx.errors import CONTROL
 from featherfx.groom.keys.problems import INVALID, Place, Problems, closest
 from featherfx.limits import (
     MAX_CHARACTERS,
-    MAX_PATTERNS,
 )
 
 REQUIRED = object()
@@ -201,23 +198,6 @@ def _plural(kinds: str) -> str:
     return " or ".join(re.sub(r"^\w+", r"\g<0>s", kind) for kind in kinds.split(" or "))
 
 
-@dataclass(frozen=True)
-class TextsByName:
-    """A table of texts whose names are free."""
-
-    def check(self, value: Any, place: Place, partial: bool) -> Any:
-        if not isinstance(value, dict):
-            return place.fail(f"{shown(value)} is not a table of texts")
-        found = {name: Text().check(each, place.child(name), False) for name, each in value.items()}
-        return INVALID if any(each is INVALID for each in found.values()) else found
-
-    def describe(self) -> tuple[str, str, str]:
-        return "table of texts", "", ""
-
-    def schema(self, partial: bool) -> JsonSchema:
-        return {"type": "object", "additionalProperties": Text().schema(False)}
-
-
 def vector(low: float, high: float, unit: str) -> ArrayOf:
     """Three numbers."""
     return ArrayOf(Number(low, high, unit), 3, 3)
@@ -263,28 +243,6 @@ class Key:
         if self.default is not REQUIRED and self.default is not None:
             result["default"] = self.default
         return result
-
-
-class LazyKeys(Mapping[str, Key]):
-    """Keys of a table that another module declares; they are imported on first use."""
-
-    def __init__(self, module: str, name: str):
-        self._home = module, name
-
-    @cached_property
-    def _keys(self) -> Mapping[str, Key]:
-        module, name = self._home
-        found: Mapping[str, Key] = getattr(import_module(module), name)
-        return found
-
-    def __getitem__(self, name: str) -> Key:
-        return self._keys[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._keys)
-
-    def __len__(self) -> int:
-        return len(self._keys)
 
 
 @dataclass(frozen=True)
@@ -479,7 +437,7 @@ class Tables:
 
 def _tables_among(keys: Mapping[str, Key]) -> dict[str, Mapping[str, Key]]:
     """Return the keys of tables among some keys."""
-    return {key: getattr(_whole(each.type), "keys", {}) for key, each in keys.items()}
+    return {key: getattr(whole_type(each.type), "keys", {}) for key, each in keys.items()}
 
 
 def _keys_below(keys: Mapping[str, Key], name: str) -> list[str]:
@@ -487,7 +445,7 @@ def _keys_below(keys: Mapping[str, Key], name: str) -> list[str]:
     return [f"{key}.{name}" for key, own in _tables_among(keys).items() if name in own]
 
 
-def _whole(kind: ValueType) -> ValueType:
+def whole_type(kind: ValueType) -> ValueType:
     """Return the type of which a value may be a part."""
     return kind.table if isinstance(kind, Partial) else kind
 
@@ -495,39 +453,6 @@ def _whole(kind: ValueType) -> ValueType:
 def tables(keys: Mapping[str, Key], meaning: str, **limits: Any) -> Key:
     """A key of any number of tables. limits: other fields of Tables."""
     return Key(Tables(Table(keys), **limits), meaning, ())
-
-
-@dataclass(frozen=True)
-class Named:
-    """A table whose keys are free names and whose values are all of one type.
-
-    When checked, those that are sound: a wrong one leaves the others.
-    """
-
-    item: ValueType
-
-    def check(self, value: Any, place: Place, partial: bool) -> dict[str, Any]:
-        if not isinstance(value, dict):
-            place.fail(f"{shown(value)} is not a table")
-            return {}
-        if len(value) > MAX_PATTERNS:
-            place.fail(f"has {len(value)} keys. Give at most {MAX_PATTERNS}")
-            return {}
-        result = {}
-        for name, each in value.items():
-            at = place.child(f'"{name}"')
-            if not isinstance(each, dict) and name in getattr(_whole(self.item), "keys", {}):
-                told = f'Write [{place.key}."NAME"] above it, with a name or pattern'
-                result[name] = at.fail(f"stands below no name. {told} such as *")
-            else:
-                result[name] = self.item.check(each, at, partial)
-        return {name: each for name, each in result.items() if each is not INVALID}
-
-    def describe(self) -> tuple[str, str, str]:
-        return "table", "", ""
-
-    def schema(self, partial: bool) -> JsonSchema:
-        return {"type": "object", "additionalProperties": self.item.schema(partial)}
 
 
 @dataclass(frozen=True)
@@ -544,14 +469,6 @@ class Partial:
 
     def schema(self, partial: bool) -> JsonSchema:
         return self.table.schema(True)
-
-
-def the_one(names: Sequence[str], table: dict[str, Any], place: Place) -> str:
-    """Return the only one of some keys in a checked table. Raises InputError unless it is one."""
-    given = [name for name in names if table[name] is not None]
-    if len(given) != 1:
-        place.refuse(f"holds {' and '.join(given) or 'none'}, expects one of {', '.join(names)}")
-    return given[0]
 
 
 def expected(kind: ValueType) -> str:

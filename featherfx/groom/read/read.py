@@ -176,26 +176,28 @@ def groom_of(
     placements = _placements(parts["variation"], drafts, store)
     _warn_of_units(placements, joints, place)
     inputs = library.said | told(raw, path.parent)
-    laid = parts["layout"]
-    layout = None if laid is None or laid is INVALID else Layout(**laid)
     is_balance = parts["drawn_pose"] == "equilibrium" and parts["gravity"] is not INVALID
     gravity = np.array(parts["gravity"], dtype=float) if is_balance else None
-    keys = None if parts["skin"] is INVALID else parts["skin"]
-    wings = [entry["forward"] for _, entry in parts["wing"]]
-    x, y = np.array(wings[-1] if wings else space.forward)[:2].tolist()
-    size = float(np.hypot(x, y))
     return Groom(
         name=name,
         source=path,
         feathers=placements,
         joints=joints,
-        layout=layout,
+        layout=Layout(**parts["layout"]) if isinstance(parts["layout"], dict) else None,
         skin=skin,
         drawn_gravity=gravity,
         inputs=inputs,
-        skin_keys=keys,
-        forward=(x / size, y / size, 0.0) if size > 0.0 else (1.0, 0.0, 0.0),
+        skin_keys=None if parts["skin"] is INVALID else parts["skin"],
+        forward=_find_forward(parts, space),
     )
+
+
+def _find_forward(parts: dict[str, Any], space: Space) -> tuple[float, float, float]:
+    """The body's forward, level and unit: of the last wing, else of the space."""
+    wings = [entry["forward"] for _, entry in parts["wing"]]
+    x, y = np.array(wings[-1] if wings else space.forward)[:2].tolist()
+    size = float(np.hypot(x, y))
+    return (x / size, y / size, 0.0) if size > 0.0 else (1.0, 0.0, 0.0)
 
 
 def _may_be(parts: dict[str, Any], place: Place) -> bool:

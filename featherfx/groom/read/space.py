@@ -20,9 +20,18 @@ from featherfx.algebra.vectors import distinct
 from featherfx.errors import InputError
 from featherfx.groom.course import Mirror
 from featherfx.groom.keys.groom import GROOM_FILE
-from featherfx.groom.keys.places import SPHERE_TABLE, Direction, Length, Point, Preset, Sphere
+from featherfx.groom.keys.places import (
+    SPHERE_TABLE,
+    Direction,
+    Length,
+    Named,
+    Point,
+    Preset,
+    Sphere,
+    the_one,
+)
 from featherfx.groom.keys.problems import INVALID, Place
-from featherfx.groom.keys.values import ArrayOf, Either, Named, Partial, Table, Tables, the_one
+from featherfx.groom.keys.values import ArrayOf, Either, Partial, Table, Tables
 
 if TYPE_CHECKING:
     from featherfx.groom.read.rachis_curve import DrawnBarbs

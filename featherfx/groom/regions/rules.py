@@ -22,8 +22,8 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import unit
 from featherfx.errors import all_of, warn_input
 from featherfx.files.disk_cache import kept
+from featherfx.groom.keys.places import the_one
 from featherfx.groom.keys.problems import Place
-from featherfx.groom.keys.values import the_one
 from featherfx.groom.materials import displayed
 from featherfx.groom.read.space import Space
 from featherfx.groom.skin.field import search_tree

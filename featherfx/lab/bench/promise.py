@@ -41,9 +41,8 @@ from featherfx.groom.types import FeatherKind
 from featherfx.shot.loop.contact_error import add_contact_error
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.options import MAX_COEFFICIENTS, FeatherOptions
-from featherfx.shot.patterns import part_of
 from featherfx.shot.read.read import read_shot
-from featherfx.shot.types import Shot
+from featherfx.shot.types import Shot, part_of
 
 # of the distribution: errors (percent), fastest wind (m/s); feathers and frames of a free shot
 _ERRORS, _MAX_WIND, _FEATHERS, _FRAMES = (3.0, 1.5, 0.5), 20.0, 3, 13

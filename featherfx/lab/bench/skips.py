@@ -35,8 +35,8 @@ from featherfx.shot.frames import Frame
 from featherfx.shot.loop.simulate import Simulation, simulate
 from featherfx.shot.options import CHOSEN
 from featherfx.shot.partition.partition import share_numbers
-from featherfx.shot.patterns import part_of
-from featherfx.shot.types import Detail, LevelOfDetail, Motion, Shot
+from featherfx.shot.patterns import Detail
+from featherfx.shot.types import LevelOfDetail, Motion, Shot, part_of
 
 _SAMPLES = Path(featherfx.__file__).parent.parent / "samples"
 _GRID = {"render_rows": 9, "render_columns": 2}

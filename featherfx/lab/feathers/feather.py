@@ -54,7 +54,8 @@ from featherfx.mechanics.node_kernels import node_forces
 from featherfx.mechanics.vane_rest import barb_nodes
 from featherfx.shot.loads import SHAFT_DRAG, frame_loads
 from featherfx.shot.motion.motion import root_motion, root_path
-from featherfx.shot.types import Grip, Motion, Quality, Shot, Wind
+from featherfx.shot.patterns import Grip
+from featherfx.shot.types import Motion, Quality, Shot, Wind
 from featherfx.solver.damping import with_damping
 from featherfx.solver.scratch import make_scratch
 from featherfx.solver.solver import Settings, Solver, hold_roots, raise_if_failed

@@ -25,9 +25,8 @@ from featherfx.shot.frames import place
 from featherfx.shot.loop.groups import ALONE
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options import ShotOptions
-from featherfx.shot.patterns import may_touch
 from featherfx.shot.roots import Roots
-from featherfx.shot.types import Shot
+from featherfx.shot.types import Shot, may_touch
 
 # feathers of an island that is put together with others, and into how many islands at most
 SMALL, MAX_OF_SMALL = 8, 16

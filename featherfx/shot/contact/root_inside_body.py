@@ -15,9 +15,8 @@ from featherfx.errors import InputWarning
 from featherfx.groom.anatomy.drape import Body
 from featherfx.groom.skin.field import search_tree
 from featherfx.shot.motion.limbs import of_wings
-from featherfx.shot.patterns import may_touch
 from featherfx.shot.roots import RootFrames, Roots
-from featherfx.shot.types import Shot
+from featherfx.shot.types import Shot, may_touch
 
 # depth of a root in the body, over its feather's length, from which on it is told
 _DEEP = 0.02

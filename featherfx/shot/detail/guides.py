@@ -43,9 +43,10 @@ from featherfx.groom.skin.field import search_tree
 from featherfx.groom.skin.skin import closest
 from featherfx.limits import refuse_beyond_memory
 from featherfx.shot.options import ShotOptions
+from featherfx.shot.patterns import LEVELS, UNSOLVED_LEVELS
 from featherfx.shot.roots import RootFrames, Roots, sampled_rates
 from featherfx.shot.sources import relative_sizes
-from featherfx.shot.types import LEVELS, UNSOLVED_LEVELS, LevelOfDetail, Shot
+from featherfx.shot.types import LevelOfDetail, Shot
 
 # a follower has up to that many guides
 MAX_GUIDES = 4

@@ -57,8 +57,8 @@ from featherfx.shot.frames import FeatherPose, StageClock
 from featherfx.shot.loop.groups import FeatherGroup, GroupLoad
 from featherfx.shot.loop.run import ShotLoad, ShotRun, Stage
 from featherfx.shot.options import FeatherOptions
-from featherfx.shot.patterns import fits, last_fitting
-from featherfx.shot.types import CHANNELS, Channel, Shot
+from featherfx.shot.patterns import CHANNELS, Channel, fits, last_fitting
+from featherfx.shot.types import Shot
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicHermiteSpline

@@ -45,9 +45,9 @@ from featherfx.shot.direction.channels import Curve, ShownTurns, scaled_turns
 from featherfx.shot.frames import FeatherPose
 from featherfx.shot.loop.groups import FeatherGroup, GroupLoad
 from featherfx.shot.loop.run import ShotLoad, ShotRun, Stage
-from featherfx.shot.patterns import fits
+from featherfx.shot.patterns import Target, fits
 from featherfx.shot.roots import Roots, arrived
-from featherfx.shot.types import Shot, Target
+from featherfx.shot.types import Shot
 from featherfx.solver.step.modes import first_frequency
 
 # over a shaft's length: how long a curve may be, and how far from the root it may begin

@@ -61,9 +61,8 @@ from featherfx.shot.loop.window_runs import (
 )
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options import SPACE, TIME, first_grid, given_grid
-from featherfx.shot.patterns import part_of
 from featherfx.shot.roots import NO_RUN_UP, PickedRoots, RootFrames, Roots, some_roots
-from featherfx.shot.types import MeasuredGrid, Shot
+from featherfx.shot.types import MeasuredGrid, Shot, part_of
 
 # strata a shot may have at least, and one for so many feathers
 _MIN_STRATA, _FEATHERS_PER_STRATUM = 8, 20

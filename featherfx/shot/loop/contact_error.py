@@ -37,9 +37,8 @@ from featherfx.shot.loop.window_runs import (
 )
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options import FeatherOptions, resolve_options
-from featherfx.shot.patterns import may_touch, part_of
 from featherfx.shot.roots import NO_RUN_UP
-from featherfx.shot.types import Shot
+from featherfx.shot.types import Shot, may_touch, part_of
 
 # patches of a shot, and feathers of a patch, at most
 _MAX_PATCHES, PATCH_SIZE = 4, 3

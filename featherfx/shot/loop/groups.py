@@ -20,7 +20,7 @@ from featherfx.mechanics.batch import make_model, may_slip, resized
 from featherfx.mechanics.model import Loads, Model
 from featherfx.shot.frames import FeatherPose
 from featherfx.shot.options import FeatherOptions
-from featherfx.shot.types import Force, Grip
+from featherfx.shot.patterns import Force, Grip
 from featherfx.solver.damping import with_damping
 from featherfx.solver.solver import Solver, StepReport
 from featherfx.solver.state import LONG_STEP_COUNTS, State

@@ -41,8 +41,8 @@ from featherfx.mechanics.model import Gaps, Loads, Model
 from featherfx.shot.frames import FeatherPose
 from featherfx.shot.loop.groups import FeatherGroup, GroupLoad
 from featherfx.shot.loop.run import ShotLoad, ShotRun, Stage
-from featherfx.shot.patterns import fits, last_fitting
-from featherfx.shot.types import Preen, Shot, Wet
+from featherfx.shot.patterns import Preen, Wet, fits, last_fitting
+from featherfx.shot.types import Shot
 from featherfx.solver.state import State
 from featherfx.solver.step.gap_kernels import (
     DAMPED_ENERGY,

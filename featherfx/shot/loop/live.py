@@ -17,7 +17,8 @@ from featherfx.shot.frames import Frame
 from featherfx.shot.loads import grip_node
 from featherfx.shot.loop.groups import FeatherGroup, grips_of
 from featherfx.shot.loop.simulate import Simulation
-from featherfx.shot.types import Grip, Wind
+from featherfx.shot.patterns import Grip
+from featherfx.shot.types import Wind
 from featherfx.solver.scratch import make_gaps
 from featherfx.solver.state import State, rest_state, set_pose
 

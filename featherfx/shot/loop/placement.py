@@ -13,8 +13,8 @@ from featherfx.groom.types import Groom, Placement
 from featherfx.limits import CROWD_PAIRS, MAX_NEIGHBOURS
 from featherfx.packages import load_name
 from featherfx.phases import phase
-from featherfx.shot.patterns import last_fitting, may_touch
-from featherfx.shot.types import Shot
+from featherfx.shot.patterns import last_fitting
+from featherfx.shot.types import Shot, may_touch
 
 # side of the cubes that roots are counted in, over the length of the shortest feathers there are
 # in them: whatever compares feathers compares those of one cube

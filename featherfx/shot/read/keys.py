@@ -26,20 +26,18 @@ from featherfx.groom.keys.values import (
     keys_of,
     tables,
 )
-from featherfx.shot.types import (
+from featherfx.shot.patterns import (
     Channel,
-    Contact,
     Detachment,
     Detail,
     Force,
     Grip,
-    LevelOfDetail,
     Preen,
     Shelter,
-    Shot,
     Target,
     Wet,
 )
+from featherfx.shot.types import Contact, LevelOfDetail, Shot
 
 GRIP = keys_of(Grip)
 FORCE = keys_of(Force)

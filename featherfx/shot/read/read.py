@@ -23,7 +23,19 @@ from featherfx.groom.read.toml_file import file_kind, load_toml
 from featherfx.groom.read.toml_text import told
 from featherfx.groom.types import Groom
 from featherfx.shot.motion.body_joints import with_body_joints
-from featherfx.shot.patterns import fits
+from featherfx.shot.patterns import (
+    CHANNELS,
+    Channel,
+    Detachment,
+    Detail,
+    Force,
+    Grip,
+    Preen,
+    Shelter,
+    Target,
+    Wet,
+    fits,
+)
 from featherfx.shot.read.keys import SHOT_FILE
 from featherfx.shot.read.motion import (
     DEFAULT_RATE,
@@ -34,23 +46,7 @@ from featherfx.shot.read.motion import (
     warn_of_aliases,
     warn_of_length,
 )
-from featherfx.shot.types import (
-    CHANNELS,
-    Channel,
-    Contact,
-    Detachment,
-    Detail,
-    Force,
-    Grip,
-    Motion,
-    Preen,
-    Quality,
-    Shelter,
-    Shot,
-    Target,
-    Wet,
-    Wind,
-)
+from featherfx.shot.types import Contact, Motion, Quality, Shot, Wind
 
 Entries = list[tuple[Place, dict[str, Any]]]
 
@@ -107,13 +103,7 @@ def _collect(
     if path.suffix.lower() in SCENE_SUFFIXES and path.is_file():
         place.refuse("is a USD file, expects a shot, which may name it as its groom")
     raw = load_toml(path) if tables is None else dict(tables)
-    if "flock" in raw:
-        place.refuse("is a flock, expects a shot. featherfx bake and bake_flock take flocks")
-    kind = "shot" if {"groom", "frames"} & raw.keys() else file_kind(raw, path, {"shot": SHOT_FILE})
-    if kind not in ("shot", ""):
-        told = "a groom" if kind == "groom" else f"a {kind} preset"
-        more = f', a file with groom = "{path.name}" and frames' if kind == "groom" else ""
-        place.refuse(f"is {told}, expects a shot{more}")
+    _refuse_other_kinds(raw, path, place)
     place.problems.file_keys = SHOT_FILE.keys - raw.keys()
     place.problems.groom_keys = GROOM_FILE.keys
     parts = SHOT_FILE.parts(raw, place)
@@ -160,15 +150,7 @@ def _collect(
     first, last = parts["frames"]
     warn_of_aliases(motion, scenes["frames_per_second"], str(path))
     warn_of_length(motion, (first, last), scenes["frames_per_second"], str(path))
-    as_they_are = (
-        "name",
-        "settle",
-        "preroll",
-        "handles",
-        "cuts",
-        "sleep",
-        "cycle",
-    )
+    as_they_are = ("name", "settle", "preroll", "handles", "cuts", "sleep", "cycle")
     return Shot(
         **{name: parts[name] for name in as_they_are},
         source=path,
@@ -184,6 +166,16 @@ def _collect(
         **loads,
         **scenes,
     )
+
+
+def _refuse_other_kinds(raw: dict[str, Any], path: Path, place: Place) -> None:
+    if "flock" in raw:
+        place.refuse("is a flock, expects a shot. featherfx bake and bake_flock take flocks")
+    kind = "shot" if {"groom", "frames"} & raw.keys() else file_kind(raw, path, {"shot": SHOT_FILE})
+    if kind not in ("shot", ""):
+        told = "a groom" if kind == "groom" else f"a {kind} preset"
+        more = f', a file with groom = "{path.name}" and frames' if kind == "groom" else ""
+        place.refuse(f"is {told}, expects a shot{more}")
 
 
 def _said(raw: dict[str, Any], library: Library, folder: Path) -> dict[str, str]:

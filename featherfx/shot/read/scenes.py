@@ -16,10 +16,11 @@ from featherfx.groom.read.space import SceneReaders
 from featherfx.groom.types import Groom
 from featherfx.provenance import StageRead, note_read
 from featherfx.shot.frames import StageClock
+from featherfx.shot.patterns import Channel, Target
 from featherfx.shot.read.motion import ClockReader
 from featherfx.shot.skin import SkinSurfaces
 from featherfx.shot.sources import MovingSurface, OfScene, TimedCamera, TimedSurface, TimedWind
-from featherfx.shot.types import Channel, LevelOfDetail, Target
+from featherfx.shot.types import LevelOfDetail
 
 _MIN_MAP = 0.5  # value of a map at the middle of a triangle from which on it is touched
 _LOOKS = 5  # frames of the shot that tell how far a surface moves

@@ -6,7 +6,7 @@ first and the number of each feather's points, faces or curves, in the order of 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -310,3 +310,33 @@ def _vertex_colours(primvar: Any, counts: Any, indices: Any, total: int) -> Floa
 
 def range_slice(own: tuple[int, int] | None) -> slice:
     return slice(None) if own is None else slice(own[0], own[0] + own[1])
+
+
+def parse_texts(prim: Any, name: str, read: Callable[[str], Any], count: int) -> list[Any]:
+    """Return the values of a primvar of texts for so many feathers of a prim.
+
+    Raises InputError where there are not as many, or `read` refuses one.
+    """
+    primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar(name)
+    attribute = prim.GetAttribute(f"primvars:{name}")
+    texts = read_texts(primvar.GetAttr()) if primvar else []
+    places = np.arange(len(texts))
+    if primvar and primvar.IsIndexed():
+        places = read_sized_array(primvar.GetIndicesAttr(), DEFAULT_TIME, INTEGER_ARRAY).astype(
+            np.int64
+        )
+    if len(places) != count or not ((places >= 0) & (places < len(texts))).all():
+        raise fault(attribute, f"has not one value for each of {count} feathers")
+    try:
+        known = [read(text) for text in texts]
+    except (ValueError, InputError) as error:
+        raise fault(attribute, str(error)) from error
+    return [known[k] for k in places]
+
+
+def single_member(prim: Any) -> FeatherMember:
+    """Return the feather of a prim of its own."""
+    primvars = UsdGeom.PrimvarsAPI(prim)
+    names = ("featherId", "featherKind", "region")
+    id, kind, region = (read_text(primvars.GetPrimvar(name).GetAttr()) or "" for name in names)
+    return FeatherMember(id, kind, region)

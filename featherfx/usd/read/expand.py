@@ -9,9 +9,9 @@ by the map that a bake draws finer meshes with (featherfx/feather/density.py).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import pairwise
 from numbers import Integral
 from pathlib import Path
@@ -21,28 +21,31 @@ import numpy as np
 import scipy
 from pxr import Usd, UsdGeom
 
-from featherfx.algebra.types import Flags
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import quats_to_frames
 from featherfx.errors import InputError, Problem, require, require_type
-from featherfx.feather.barb_looks import BARB_SEGMENTS, clumped, drawn_barbs
-from featherfx.feather.build import build_shapes, decode_shape, scale_feather
+from featherfx.feather.barb_looks import (
+    BARB_SEGMENTS,
+    ExpandedShape,
+    clumped,
+    drawn_barbs,
+    expand_shape,
+)
+from featherfx.feather.build import decode_shape, scale_feather
 from featherfx.feather.carry_kernels import keep_lengths
 from featherfx.feather.colours import FeatherColours, colour_feather, shading_of
 from featherfx.feather.density import density_map, scaled_map, scaled_points
 from featherfx.feather.detail import ThinnedGrid, choose_rows_and_nodes, restored
-from featherfx.feather.types import (
-    Array,
-    BarbCurves,
-    Feather,
-    Indices,
-    RowMap,
-    RowPoints,
-    stacked,
-)
+from featherfx.feather.types import BarbCurves, RowPoints, stacked
 from featherfx.groom.materials import BarbLook, colour_of
 from featherfx.groom.types import FeatherKind
 from featherfx.limits import MAX_BARBS, MAX_CLUMPS, MAX_COLUMNS, MAX_ROWS
-from featherfx.usd.read.cached_feather import FeatherMember, read_members
+from featherfx.usd.read.cached_feather import (
+    FeatherMember,
+    parse_texts,
+    read_members,
+    single_member,
+)
 from featherfx.usd.read.stage import transform_points
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
@@ -55,8 +58,6 @@ from featherfx.usd.read.values import (
     open_stage,
     read_array,
     read_sized_array,
-    read_text,
-    read_texts,
     read_times,
 )
 from featherfx.usd.types import (
@@ -70,54 +71,6 @@ from featherfx.usd.types import (
     WET_PRIMVARS,
     refuse_unfit_usd,
 )
-
-
-@dataclass(frozen=True)
-class ExpandedShape:
-    """Shared parts of feathers of one shape and grid, unit size and metres.
-
-    own: on the written grid. fine: on the drawn one. to_fine: the map to that, None where it is
-    own.
-    """
-
-    own: Feather
-    fine: Feather
-    to_fine: RowMap | None
-
-
-@lru_cache(maxsize=4096)
-def expand_shape(
-    shape: tuple[FeatherKind, bool], own: tuple[int, int], wanted: tuple[int, int]
-) -> ExpandedShape:
-    """Return feathers of a kind and side. own, wanted: rows and columns."""
-    (fine,) = build_shapes((shape,), *wanted)
-    if own == wanted:
-        return ExpandedShape(fine, fine, None)
-    (written,) = build_shapes((shape,), *own)
-    return ExpandedShape(written, fine, density_map(written, fine))
-
-
-def parse_texts(prim: Any, name: str, read: Callable[[str], Any], count: int) -> list[Any]:
-    """Return the values of a primvar of texts for so many feathers of a prim.
-
-    Raises InputError where there are not as many, or `read` refuses one.
-    """
-    primvar = UsdGeom.PrimvarsAPI(prim).GetPrimvar(name)
-    attribute = prim.GetAttribute(f"primvars:{name}")
-    texts = read_texts(primvar.GetAttr()) if primvar else []
-    places = np.arange(len(texts))
-    if primvar and primvar.IsIndexed():
-        places = read_sized_array(primvar.GetIndicesAttr(), DEFAULT_TIME, INTEGER_ARRAY).astype(
-            np.int64
-        )
-    if len(places) != count or not ((places >= 0) & (places < len(texts))).all():
-        raise fault(attribute, f"has not one value for each of {count} feathers")
-    try:
-        known = [read(text) for text in texts]
-    except (ValueError, InputError) as error:
-        raise fault(attribute, str(error)) from error
-    return [known[k] for k in places]
-
 
 _ROTATIONS = ArrayKind("f", (4,), "an array of rotations")
 _PAIRS = ArrayKind("i", (2,), "an array of pairs of integers")
@@ -288,7 +241,7 @@ class _CondensedPrim:
         self._starts, self._columns = np.concatenate([[0], np.cumsum(counts)]), element
         self._grids_written = self._written_grids(counts)
         rows_written = self._grids_written[:, 0]
-        members = read_members(prim) or [_single_member(prim)]
+        members = read_members(prim) or [single_member(prim)]
         if len(members) != len(counts):
             raise self._fault("curveVertexCounts", f"tell of {len(counts)}, {len(members)} named")
         shapes = parse_texts(prim, SHAPE_PRIMVAR, decode_shape, len(counts))
@@ -438,10 +391,8 @@ class _CondensedPrim:
         amount, clumps = (
             self._shaped(name, code, NUMBER_ARRAY, shape).astype(float) for name in WET_PRIMVARS
         )
-        for values, name, most in (
-            (amount, WET_PRIMVARS[0], 1.0),
-            (clumps, WET_PRIMVARS[1], MAX_CLUMPS),
-        ):
+        mosts = (1.0, MAX_CLUMPS)
+        for values, name, most in zip((amount, clumps), WET_PRIMVARS, mosts, strict=True):
             if not ((values >= 0.0) & (values <= most)).all():
                 raise self._fault(name, f"holds values beyond 0 to {most:g} {describe_time(code)}")
         return np.stack([amount, clumps], axis=1)
@@ -497,7 +448,7 @@ class _CondensedPrim:
     def _flat(self, nodes: Array, directors: Array) -> Array:
         """Return all nodes and directors as the maps take them, feather after feather."""
         starts = np.concatenate([[0], np.cumsum(self._grids_written[:, 0])])
-        each = (RowPoints(nodes[own], directors[own]) for own in _row_slices(starts))
+        each = (RowPoints(nodes[a:b], directors[a:b]) for a, b in pairwise(starts))
         return np.concatenate([part.reshape(-1, 3) for points in each for part in points])
 
     def _split(self, flat: Array) -> tuple[Array, Array]:
@@ -542,15 +493,3 @@ class _CondensedPrim:
 
     def _fault(self, name: str, told: str) -> InputError:
         return fault(self.prim.GetAttribute(name), told)
-
-
-def _single_member(prim: Any) -> FeatherMember:
-    """Return the feather of a prim of its own."""
-    primvars = UsdGeom.PrimvarsAPI(prim)
-    names = ("featherId", "featherKind", "region")
-    id, kind, region = (read_text(primvars.GetPrimvar(name).GetAttr()) or "" for name in names)
-    return FeatherMember(id, kind, region)
-
-
-def _row_slices(starts: Indices) -> list[slice]:
-    return [slice(*ends) for ends in pairwise(starts)]
