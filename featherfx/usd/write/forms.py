@@ -63,7 +63,7 @@ from featherfx.usd.write.output import (
 )
 from featherfx.usd.write.posed_groups import PosedGroup
 from featherfx.usd.write.poses import ToStage, make_posed_feathers, surface_kernels
-from featherfx.usd.write.prims import author_primvars, author_shared, define_mesh, replace_primvars
+from featherfx.usd.write.prims import author_primvars, author_shared, define_mesh
 
 if TYPE_CHECKING:
     from featherfx.usd.write.poses import PosedFeather
@@ -178,20 +178,6 @@ def define_condensed(
         author_primvars(prim, group.interpolation if each else "", **{name: value})
         if name.endswith(("_barbl", "_barbr")):
             UsdGeom.PrimvarsAPI(prim).GetPrimvar(name).SetElementSize(group.columns)
-
-
-def replace_condensed(
-    layer: Any,
-    info: StageInfo,
-    path: Any,
-    group: PosedGroup,
-    entry: FeatherEntry,
-    rest: Mapping[str, Any],
-) -> None:
-    """Replace the constant primvars of a copied prim by those of another feather."""
-    texts = {name: arrays.strings(*texts) for name, texts in _shape_texts([entry]).items()}
-    values = _constant_values(info, group, [entry], rest)
-    replace_primvars(layer, path, **values, **texts)
 
 
 def condense(points: RowPoints, left: Any, stage: ToStage, out: Sequence[Any]) -> bool:

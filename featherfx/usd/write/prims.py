@@ -127,13 +127,6 @@ def author_shared(
         UsdGeom.PrimvarsAPI(prim).GetPrimvar(name).SetIndices(arrays.ints(indices))
 
 
-def replace_primvars(layer: Any, path: Any, **values: Any) -> None:
-    """Replace values of primvars that a prim of a layer has."""
-    for name, value in values.items():
-        attribute = layer.GetAttributeAtPath(path.AppendProperty(f"primvars:{name}"))
-        attribute.default = value
-
-
 def skin_primvars(entries: Sequence[FeatherEntry]) -> dict[str, Any]:
     """Return the primvars with the places of feathers on a skin; each must have one."""
     roots = [entry.root for entry in entries if entry.root is not None]
