@@ -194,6 +194,52 @@ def test_where_vanes_cross_no_depth_has_to_be_taken_back():
     assert np.allclose(contacts["spared"][deep], depth[deep], rtol=0.02)
 
 
+def flat_pair(order, start, ahead, memory=None):
+    """Contacts of a vane (m, from flat over a host that it lies in) with that host, in motion.
+
+    memory: whether all its points were above the host."""
+    model, state = free_feathers("body_contour", np.zeros((2, 3)), rows=7, columns=3)
+    grids = grids_of([model])
+    surfaces = surfaces_of([model], grids, [0.5 * THICKNESS] * 2)
+    candidates = Candidates(np.array([(0, 1)]), np.array([order]), np.zeros(1))
+    poses = [grids.together([state.points.nodes]) for _ in range(2)]
+    for pose, move in zip(poses, (start, ahead), strict=True):
+        pose[0] += move
+    known = no_memory(surfaces)
+    if memory:
+        key = np.arange(known.wall[0].size)
+        known = known._replace(
+            key=key, force=np.zeros((len(key), 2)), side=np.ones(len(key), dtype=np.int8)
+        )
+    bodies = moving_bodies(*poses, np.ones(poses[0].shape[:3]))
+    margins = np.full(2, MARGIN)
+    search = SearchSettings(surfaces, bodies, known, margins, MARGIN, 1e-6, WALL_FIT, True)
+    return Searcher(candidates, surfaces).find(search).contacts
+
+
+def test_what_comes_around_a_rim_without_an_order_keeps_no_side():
+    below = np.array([0.0, 0.0, -10.0 * THICKNESS])
+    beside = below + np.array([0.0, 0.05, 0.0])
+    pressed = flat_pair(0, below, below, memory=True)
+    assert len(pressed) >= 20
+    assert pressed["spared"].min() > 8.0 * THICKNESS
+    around = flat_pair(0, beside, below, memory=True)
+    assert len(around) < 0.5 * len(pressed)
+    assert around["spared"].max() < THICKNESS
+
+
+def test_what_comes_from_beside_to_where_rims_cross_begins_with_no_depth():
+    _, state = free_feathers("body_contour", np.zeros((2, 3)), rows=7, columns=3)
+    flat = state.points.nodes[0]
+    middle, tilt = flat.mean(axis=(0, 1)), Rotation.from_euler("x", 6.0, degrees=True)
+    across = middle + (flat - middle) @ tilt.as_matrix() - flat
+    contacts = flat_pair(1, across + np.array([0.0, 2e-3, 0.0]), across)
+    assert set(contacts["side"]) == {-1, 1}
+    # below planes that it was beside
+    assert contacts["thickness"].min() < -2.0 * THICKNESS
+    assert contacts["spared"].max() < THICKNESS
+
+
 def test_threads_change_no_contact(monkeypatch):
     monkeypatch.setattr("featherfx.solver.contact.search._MIN_POINTS", 500)
     scene = Scene(1)

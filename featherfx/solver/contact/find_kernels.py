@@ -136,11 +136,15 @@ def _find_node(x, node, near, closest, search, touch, count):
         _put_on(contact, place, weight, columns)
     if not _meets(contact, along, node, search):
         return count
-    if node.known < 0 and turns and contact.spared > _AROUND * contact.thickness:
+    unbound = node.known >= 0 and node.side == 0
+    if turns and contact.spared > _AROUND * contact.thickness and (node.known < 0 or unbound):
         # of planes that it only now is over it may have been on either side
         begin = guest_place(bodies.start[guest], node.row, p, fraction)
-        _, found, height = _at_start(contact, begin, near, search)
+        over, found, height = _at_start(contact, begin, near, search)
         _put_on(contact, place, weight, columns)
+        if unbound and not over:
+            # around a rim, to where no order forbids it to be
+            return count
         was = height if found else contact.thickness
         set_gaps(contact, contact.thickness, was, search.recovery)
     _press(contact, node.known, search)
@@ -339,9 +343,12 @@ def _spare_crossed(touch, low, high, search):
             search.bodies.start[contact.guest], contact.row, contact.point, contact.fraction
         )
         along, beside = _along(search.bodies.start[contact.host], begin, contact)
-        # beside a triangle its plane tells no depth
+        depth = contact.thickness - contact.side * along
         if _is_over(along, beside, contact.thickness):
-            contact.spared = max(contact.spared, contact.thickness - contact.side * along)
+            contact.spared = max(contact.spared, depth)
+        elif depth > 0.0:
+            # beside a triangle its plane tells no depth, but how much nearer it may be
+            contact.thickness, contact.spared = contact.thickness - depth, 0.0
 
 
 @kernel
