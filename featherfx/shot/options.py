@@ -67,7 +67,7 @@ SPACE = (
 )  # fmt: skip
 SPACE_NUMBERS = "rows", "columns", "coefficients"
 # tolerances over the length, likewise
-TIME = (8e-3, 3e-3, 1.2e-3, 4.5e-4, 1.7e-4, 6.5e-5, 2.5e-5, 1e-5)
+TIME = (2.2e-2, 8e-3, 3e-3, 1.2e-3, 4.5e-4, 1.7e-4, 6.5e-5, 2.5e-5, 1e-5)
 # bound of the quality's key; to begin with, an error times the square of intervals of rows, and the
 # tolerance over the error; tolerances per octave, so
 # that feathers of about one length stay together

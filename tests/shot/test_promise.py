@@ -77,7 +77,7 @@ def test_the_error_is_kept_and_measured(gust):
     shot = part_of(gust, np.array([0, 3]))
     found = run(shot)
     grid = tuple(3 * max(getattr(o, n) for o in found.options) for n in ("rows", "columns"))
-    fine = fixed_quality((*grid, 4), 0.1 * TIME[3], shot.quality)
+    fine = fixed_quality((*grid, 4), 0.1 * TIME[4], shot.quality)
     worst = 100.0 * max(errors(found, run(replace(shot, quality=fine))))
     assert worst <= found.report["error_promised"] == 1.0
     assert 0.2 * worst < found.report["error_measured"] <= 1.0
