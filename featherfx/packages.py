@@ -21,7 +21,7 @@ class Package(NamedTuple):
     levels: what changes levels of detail (shot/detail/guides.py). roots: what changes the motion of
     roots, (shot, Roots) -> Roots. dependences: what the motion of each feather depends on, (shot,
     Roots) -> values, None for none; spreads: the same of what it shares with others, (shot,
-    ShotOptions, texts) -> texts (shot/partition/dependence.py).
+    ShotOptions, texts) -> texts (shot/motion/dependence.py).
     """
 
     name: str
@@ -130,13 +130,13 @@ PACKAGES = (
 # what moves the roots of a shot, by the kind of its motion: (motion, shot, skeleton) -> poses
 MOTION_SOURCES = {
     "hold": "motion.joints:held",
-    "shake": "motion.swings:shaken",
-    "swing": "motion.swings:swung",
-    "level": "motion.swings:levelled",
+    "shake": "motion.beat:shaken",
+    "swing": "motion.beat:swung",
+    "level": "motion.beat:levelled",
     "flap": "motion.flap:flapping",
     "fold": "motion.flap:folded",
     "keys": "motion.keys:keyed",
-    "curve": "motion.curves:followed",
+    "curve": "motion.keys:followed",
     "act": "motion.act:acted",
 }
 

@@ -31,10 +31,10 @@ from featherfx.files.folders import SHIPPED_PRESETS, own_folders
 from featherfx.groom.document import Document
 from featherfx.limits import TASK_HOURS
 from featherfx.phases import phase
+from featherfx.shot.contact.partition import most_shares, share_count
 from featherfx.shot.flock import FlockShot
 from featherfx.shot.frames import Frame, sample_number
 from featherfx.shot.loop.placement import place_feathers
-from featherfx.shot.partition.partition import most_shares, share_count
 from featherfx.shot.types import Shot
 from featherfx.usd.convert.merge import join_shares
 from featherfx.usd.types import OutputError

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from featherfx.algebra.types import Flags, Indices
+from featherfx.shot.contact.partition import shot_islands
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options import resolve_options
-from featherfx.shot.partition.partition import shot_islands
 from featherfx.shot.patterns import Detail
 from featherfx.shot.types import Shot, may_touch, part_of
 

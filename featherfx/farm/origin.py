@@ -26,7 +26,7 @@ _LOADED = [
     "featherfx.farm.work",
     "featherfx.baking.frame_loop",
     # that a share loads when it gets so far
-    "featherfx.shot.partition.partition",
+    "featherfx.shot.contact.partition",
     "scipy.sparse.csgraph",
 ]
 _begun: list[bool] = []

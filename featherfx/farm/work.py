@@ -35,7 +35,7 @@ from featherfx.files.atomic_write import write_text
 from featherfx.files.content import program_digest
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.phases import Account
-from featherfx.shot.partition.partition import share_count, share_sizes
+from featherfx.shot.contact.partition import share_count, share_sizes
 from featherfx.usd.types import ACCELERATIONS, BusyError, StageSpace
 from featherfx.usd.write.cache_writer import chunk_frames
 from featherfx.usd.write.output import USD_SUFFIXES

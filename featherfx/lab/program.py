@@ -38,7 +38,7 @@ from featherfx.jit.compile_progress import SECONDS
 from featherfx.jit.compiled import ARGUMENTS, KernelEntry, kernel
 from featherfx.jit.kernel_calls import describe_arguments
 from featherfx.lab.bench.shake import root_paths, swan_primary
-from featherfx.lab.feathers.feather import feather_kind
+from featherfx.lab.feather import feather_kind
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import expand_wind, no_loads
 from featherfx.shot.loop.simulate import Simulation, simulate

@@ -18,13 +18,11 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.groom.materials import RachisMaterial, VaneMaterial
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.model import Model
-
-Array = NDArray[np.float64]
 
 # springs with dashpots beside the spring at rest
 BRANCHES = 3

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.feather.types import RowPoints
 from featherfx.mechanics.model import Gaps, Model
 from featherfx.solver.types import (
@@ -23,9 +24,6 @@ from featherfx.solver.types import (
     Strains,
     panel_shape,
 )
-
-Array = NDArray[np.float64]
-
 
 # numbers of a ConvergenceHistory (newton_kernels) that are stored
 _HISTORY_SIZE = 5

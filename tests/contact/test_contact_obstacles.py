@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from shingled import in_line, least_gap
 
+from featherfx.shot.contact.partition import shot_islands
 from featherfx.shot.frames import Frame
 from featherfx.shot.loop.simulate import Checkpoint, Simulation, simulate
-from featherfx.shot.partition.partition import shot_islands
 from featherfx.shot.patterns import Detail, Shelter
 from featherfx.shot.types import Contact, Shot
 

@@ -14,7 +14,7 @@ import featherfx
 from featherfx.baking import pipeline
 from featherfx.errors import InputError, InputWarning
 from featherfx.farm.job import Job
-from featherfx.shot.partition.partition import share_numbers, shot_islands
+from featherfx.shot.contact.partition import share_numbers, shot_islands
 
 
 def one(folder: Path, birds: int = 3, apart: float = 1.5, more: str = "") -> Path:

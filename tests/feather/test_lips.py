@@ -11,7 +11,7 @@ from featherfx.algebra.vectors import from_rotation_vector
 from featherfx.feather.build import build_feather
 from featherfx.feather.splits import SplitEdges, difference_rates
 from featherfx.feather.types import RowPoints, both, turned
-from featherfx.lab.feathers.feather import feather_kind
+from featherfx.lab.feather import feather_kind
 
 KIND = feather_kind("swan_primary")
 OPEN = replace(KIND, vane_material=replace(KIND.vane_material, hooks="open"))

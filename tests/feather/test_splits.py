@@ -13,7 +13,7 @@ from featherfx.feather.types import TRAILING
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.splits import splits_of
 from featherfx.groom.types import Splits
-from featherfx.lab.feathers.feather import feather_kind
+from featherfx.lab.feather import feather_kind
 from featherfx.mechanics.batch import make_model
 from featherfx.solver.state import rest_state
 

@@ -19,8 +19,8 @@ from featherfx.errors import InputError, InputWarning
 from featherfx.feather.leaves import lay_out
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.groom.anatomy import drape
+from featherfx.groom.anatomy.bird_tracts import axes_of
 from featherfx.groom.anatomy.drape import Body
-from featherfx.groom.anatomy.landmarks import axes_of
 from featherfx.groom.anatomy.pose import folded
 from featherfx.groom.anatomy.remiges import lying
 from featherfx.groom.anatomy.wing import BENT_HEIGHT, wing_type
@@ -29,7 +29,7 @@ from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.library import Library
 from featherfx.groom.presets.presets import list_presets
 from featherfx.groom.read.read import read_groom as read_groom_file
-from featherfx.shot.motion.fit import PIGEON, beat_of, build_of, size_of
+from featherfx.shot.motion.flap import PIGEON, beat_of, build_of, size_of
 
 BIRD = SAMPLES / "first_bird"
 TEXT = (BIRD / "groom.toml").read_text()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from featherfx.algebra.vectors import frames_from
-from featherfx.groom.regions.drape import SkinBends, bends_of_skin, laid_along
+from featherfx.groom.regions.kinds import SkinBends, bends_of_skin, laid_along
 from featherfx.groom.skin.points import SkinSurface
 
 RADIUS, LENGTH = 0.02, 0.016

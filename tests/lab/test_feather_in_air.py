@@ -6,7 +6,7 @@ from trial_batches import preset_kind
 
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
-from featherfx.lab.feathers.feather import (
+from featherfx.lab.feather import (
     FallTest,
     StreamTest,
     find_feather_modes,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from featherfx.errors import InputError
-from featherfx.lab.feathers.full_feather import FEATHER_LENGTH, FullPull, edge_waves, pull_feather
+from featherfx.lab.full_feather import FEATHER_LENGTH, FullPull, edge_waves, pull_feather
 
 
 @pytest.mark.parametrize("wavelength", [0.022, 0.035])

@@ -10,7 +10,7 @@ import pytest
 from commands import invoke
 
 from featherfx.errors import InputError
-from featherfx.lab.feathers.feather import feather_kind
+from featherfx.lab.feather import feather_kind
 from featherfx.lab.vane.hooked import CycleTest, TearTest, cycle, tear
 
 # the solver is compiled anew for gaps that slip and open, and with the sample's topology

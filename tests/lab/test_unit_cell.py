@@ -7,7 +7,7 @@ import pytest
 
 from featherfx.errors import InputError
 from featherfx.groom.presets.presets import load_preset
-from featherfx.lab.feathers.feather import feather_kind
+from featherfx.lab.feather import feather_kind
 from featherfx.lab.networks.unit_cell import cell_moduli, cell_of, vane_of, vane_text
 
 KIND = feather_kind("swan_primary")

@@ -10,7 +10,7 @@ from commands import invoke
 from test_vane_calibrate import write_curves
 
 from featherfx.errors import InputError
-from featherfx.lab.feathers.feather import feather_kind
+from featherfx.lab.feather import feather_kind
 from featherfx.lab.vane.calibrate import MeasuredCurve
 from featherfx.lab.vane.hooked import CycleTest, cycle
 from featherfx.lab.vane.hysteresis import Hook, cyclic_stress, fit_cycles

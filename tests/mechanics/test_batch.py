@@ -14,7 +14,7 @@ from featherfx.feather.profiles import hooked_stiffness
 from featherfx.feather.types import RACHIS_PART
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import BarbGuide, VaneShape
-from featherfx.lab.feathers.strip import strip_feather, strip_kind
+from featherfx.lab.strip import strip_feather, strip_kind
 from featherfx.mechanics.batch import MIN_HOOKED, make_model, resized, row_frames
 from featherfx.mechanics.model import expand_wind, no_loads
 from featherfx.mechanics.vane_bending_kernels import hinge_angle

@@ -11,7 +11,7 @@ from featherfx.feather.build import build_feather
 from featherfx.feather.profiles import hooked_stiffness, in_series
 from featherfx.groom.presets.kinds import blended
 from featherfx.groom.types import Hooked
-from featherfx.lab.feathers.feather import feather_kind
+from featherfx.lab.feather import feather_kind
 from featherfx.mechanics.batch import MIN_HOOKED, make_model
 from featherfx.mechanics.model import no_loads
 from featherfx.mechanics.vane_hook_kernels import all_hold

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from featherfx.feather.build import build_feather
 from featherfx.groom.materials import RachisMaterial, VaneMaterial
 from featherfx.groom.types import BarbGuide, FeatherKind, RachisShape, VaneShape
-from featherfx.lab.feathers.feather import stream_coefficients
+from featherfx.lab.feather import stream_coefficients
 from featherfx.mechanics.air_kernels import carried_energy, pressed_share
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads

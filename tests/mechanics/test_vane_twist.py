@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import brentq
 
 from featherfx.groom.materials import VaneMaterial
-from featherfx.lab.feathers.strip import strip_feather, strip_kind
+from featherfx.lab.strip import strip_feather, strip_kind
 from featherfx.mechanics.batch import make_model
 from featherfx.solver.step.modes import frequencies
 

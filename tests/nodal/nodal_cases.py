@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from featherfx.feather.build import build_feather
 from featherfx.groom.materials import VaneMaterial
 from featherfx.groom.types import BarbGuide, FeatherKind, RachisShape, VaneShape
-from featherfx.lab.feathers.strip import strip_feather, strip_kind
 from featherfx.lab.nodal.model import nodal_model
 from featherfx.lab.nodal.solver import nodal_rest_state
+from featherfx.lab.strip import strip_feather, strip_kind
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.vane_rest import end_corrections
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from nodal_cases import VANE, at_rest
 
-from featherfx.lab.feathers.strip import strip_feather, strip_kind
 from featherfx.lab.nodal.model import nodal_model
 from featherfx.lab.nodal.solver import NodalSolver
+from featherfx.lab.strip import strip_feather, strip_kind
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.solver import Settings, Solver

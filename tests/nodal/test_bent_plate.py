@@ -9,7 +9,7 @@ import pytest
 from numpy.polynomial import polynomial
 
 from featherfx.errors import InputError
-from featherfx.lab.feathers.strip import PlateTest, run_plate
+from featherfx.lab.strip import PlateTest, run_plate
 
 
 def moduli_of(test):

@@ -7,7 +7,7 @@ import pytest
 from commands import invoke
 
 from featherfx.errors import InputError
-from featherfx.lab.feathers.feather import FeatherTest, run_feather
+from featherfx.lab.feather import FeatherTest, run_feather
 
 TEST = (
     *("lab", "feather", "--preset", "swan_primary", "--rows", "9", "--columns", "3"),

@@ -8,9 +8,9 @@ from nodal_cases import at_rest, end_row_loads, isotropic
 
 from featherfx.feather.types import LEADING, TRAILING, Feather, RowPoints, barb_slice
 from featherfx.feather.vane import vane_surface
-from featherfx.lab.feathers.strip import RACHIS_SIZE, strip_kind
 from featherfx.lab.nodal.model import nodal_model
 from featherfx.lab.nodal.solver import NodalSolver
+from featherfx.lab.strip import RACHIS_SIZE, strip_kind
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.solver import Settings

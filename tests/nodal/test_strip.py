@@ -8,7 +8,8 @@ import pytest
 from commands import invoke
 
 from featherfx.errors import InputError
-from featherfx.lab.feathers.strip import (
+from featherfx.lab.ribbons.oracles import link_chain
+from featherfx.lab.strip import (
     GRAVITY_ALONG_Z,
     STIFF,
     STRIP_DENSITY,
@@ -17,7 +18,6 @@ from featherfx.lab.feathers.strip import (
     StripTest,
     run_strip,
 )
-from featherfx.lab.ribbons.oracles import link_chain
 
 ISO = StripTest("iso", 1.0 / 80.0, columns=1)
 

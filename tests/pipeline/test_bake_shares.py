@@ -23,7 +23,7 @@ from pxr import Sdf, Usd, UsdGeom
 import featherfx
 from featherfx.baking import pipeline
 from featherfx.errors import InputError
-from featherfx.shot.partition.partition import share_numbers
+from featherfx.shot.contact.partition import share_numbers
 
 WING = SAMPLES / "swan_wing/shot.toml"
 OPTIONS = {"frames": (1, 3), "chunk": 2}

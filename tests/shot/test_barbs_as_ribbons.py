@@ -6,7 +6,7 @@ from places import COARSE
 
 from featherfx.baking.bake import bake
 from featherfx.feather.build import build_feather
-from featherfx.lab.feathers.feather import feather_kind
+from featherfx.lab.feather import feather_kind
 from featherfx.mechanics.batch import make_model
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.read.read import read_shot

@@ -210,7 +210,7 @@ def test_a_head_stays_level_and_does_not_heave(tmp_path, share, monkeypatch):
     write_bird(tmp_path)
     head = SHOT.partition("[motion.joints]")[0]
     text = head + STEADY.replace("SHARE", str(share))
-    monkeypatch.setattr("featherfx.shot.motion.steady_head._FARTHEST", 10.0)  # a long neck
+    monkeypatch.setattr("featherfx.shot.motion.act._FARTHEST", 10.0)  # a long neck
     found = {}
     whole, part = (
         text.replace("steady", "size = 0.5\nsteady"),

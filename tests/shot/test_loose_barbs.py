@@ -9,7 +9,7 @@ import pytest
 
 from featherfx.feather.build import build_feather
 from featherfx.groom.types import FeatherKind, Hooked
-from featherfx.lab.feathers.feather import feather_kind
+from featherfx.lab.feather import feather_kind
 from featherfx.mechanics.batch import FIBRE_FRACTION, make_model
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.contact.surfaces import as_torn, grids_of, surfaces_of

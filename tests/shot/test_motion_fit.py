@@ -7,7 +7,7 @@ import pytest
 from test_bird_motions import BIRD, SHOT
 
 from featherfx.errors import InputError
-from featherfx.shot.motion.fit import PIGEON, Build, beat_of, build_of, size_of
+from featherfx.shot.motion.flap import PIGEON, Build, beat_of, build_of, size_of
 from featherfx.shot.read.read import read_shot
 
 
@@ -84,5 +84,5 @@ def test_a_skin_tells_the_size_of_its_bird(tmp_path):
 
 
 def test_a_fit_that_is_none_is_told(tmp_path):
-    with pytest.raises(InputError, match=r"motion.fit: 'wings' is not allowed"):
+    with pytest.raises(InputError, match=r"motion.flap: 'wings' is not allowed"):
         clock_of(tmp_path, 1.0, 'base = "walk"\nfit = "wings"')

@@ -12,7 +12,7 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 from featherfx.groom.materials import VaneMaterial
-from featherfx.lab.feathers.strip import strip_feather, strip_kind
+from featherfx.lab.strip import strip_feather, strip_kind
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.vane_rest import MIN_BARB_STIFFNESS
 from featherfx.solver.step.modes import rest_bands

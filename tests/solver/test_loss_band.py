@@ -11,7 +11,7 @@ from trial_batches import at_origin, preset_batch, preset_kind, rod
 from featherfx.api import read_shot
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
-from featherfx.lab.feathers.feather import feather_kind
+from featherfx.lab.feather import feather_kind
 from featherfx.lab.ribbons.rod import (
     ModesTest,
     Rod,

@@ -13,7 +13,7 @@ from featherfx.cli.lab.options_from import Experiment, command_from, report
 from featherfx.cli.options import presets_option, readable_path
 from featherfx.files.atomic_write import write_text
 from featherfx.lab.contact import ContactTest, run_contact
-from featherfx.lab.feathers.feather import (
+from featherfx.lab.feather import (
     FallTest,
     FeatherTest,
     StreamTest,
@@ -23,8 +23,7 @@ from featherfx.lab.feathers.feather import (
     measure_stream,
     run_feather,
 )
-from featherfx.lab.feathers.full_feather import FullPull, pull_feather
-from featherfx.lab.feathers.strip import PlateTest, StripTest, run_plate, run_strip
+from featherfx.lab.full_feather import FullPull, pull_feather
 from featherfx.lab.networks.experiments import (
     NetworkTest,
     PreconditionTest,
@@ -50,6 +49,7 @@ from featherfx.lab.ribbons.rod import (
     find_rod_modes,
     release,
 )
+from featherfx.lab.strip import PlateTest, StripTest, run_plate, run_strip
 from featherfx.lab.studies.study import Figure
 from featherfx.lab.vane import pictures
 from featherfx.lab.vane.calibrate import (

@@ -16,10 +16,18 @@ import numpy as np
 from featherfx.algebra.types import Array
 from featherfx.algebra.vectors import from_rotation_vector, unit
 from featherfx.errors import all_of, warn_input
-from featherfx.groom.anatomy.bird_tracts import WingCover, filled, find_tracts, tuples
+from featherfx.groom.anatomy.bird_tracts import (
+    Points,
+    WingCover,
+    axes_of,
+    check_on_skin,
+    distance,
+    filled,
+    find_tracts,
+    tuples,
+)
 from featherfx.groom.anatomy.drape import Beneath, Body, beneath, lie_on
 from featherfx.groom.anatomy.fans import TAIL_THINNING, closed_fan
-from featherfx.groom.anatomy.landmarks import Points, axes_of, check_on_skin, distance
 from featherfx.groom.anatomy.remiges import coated_rows, on_skin, shut
 from featherfx.groom.anatomy.wing import BENT_HEIGHT, skin_of_wing, wing_type
 from featherfx.groom.course import along_polyline

@@ -19,8 +19,14 @@ import numpy as np
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import applied, from_rotation_vector, motions, screws_of, unit
 from featherfx.errors import InputWarning, all_of, count_feathers
-from featherfx.groom.anatomy.bands import MAX_SLANT, FoldedRow, marks_of
-from featherfx.groom.anatomy.pose import WingBones, as_placed, folded
+from featherfx.groom.anatomy.pose import (
+    MAX_SLANT,
+    FoldedRow,
+    WingBones,
+    as_placed,
+    folded,
+    marks_of,
+)
 from featherfx.groom.anatomy.remiges import (
     REMEX_ROWS,
     Remiges,

@@ -135,7 +135,7 @@ def groom_of(
     limb_drafts: tuple[Draft, ...] = ()
     limb_joints: tuple[tuple[Joint, Place], ...] = ()
     if parts["wing"] or parts["tail"] or parts["crest"]:
-        from featherfx.groom.anatomy.grown import grow_limbs
+        from featherfx.groom.anatomy.fans import grow_limbs
 
         limb_drafts, limb_joints = grow_limbs(parts, store, library, space)
     # of a wrong joint, what names it has no fault

@@ -22,10 +22,11 @@ from featherfx.groom.keys.problems import INVALID, Place
 from featherfx.groom.presets.presets import KindStore
 from featherfx.groom.read.drafts import Draft
 from featherfx.groom.read.space import DrawnFeather, GroomReaders, Space
-from featherfx.groom.regions.drape import SkinBends, laid_along
 from featherfx.groom.regions.kinds import (
     RANDOM_STREAMS,
     RegionKinds,
+    SkinBends,
+    laid_along,
     normal_draws,
     region_kinds,
     shapes,

@@ -1,6 +1,6 @@
-"""Other simulators on the falling strip of lab/feathers/strip.py, beside ours, in one run.
+"""Other simulators on the falling strip of lab/strip.py, beside ours, in one run.
 
-Sheets of the falling strip (lab/feathers/strip.py) in other programs: MuJoCo and Newton.
+Sheets of the falling strip (lab/strip.py) in other programs: MuJoCo and Newton.
 
 MuJoCo (Todorov et al. 2012): a flex of triangles with the shell elasticity of its own, without
 contact and damping, by its `discrete` integrator.
@@ -38,7 +38,7 @@ from featherfx.lab.bench.report import (
     machine,
     work_precision_plot,
 )
-from featherfx.lab.feathers.strip import (
+from featherfx.lab.strip import (
     CELLS,
     GRAVITY_ALONG_Z,
     OUTPUT_TIMES,

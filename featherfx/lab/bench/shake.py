@@ -17,7 +17,7 @@ from featherfx.algebra.types import Array, Flags
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
-from featherfx.lab.feathers.feather import feather_kind
+from featherfx.lab.feather import feather_kind
 from featherfx.lab.nodal.model import nodal_model
 from featherfx.lab.nodal.solver import NodalSolver, nodal_rest_state
 from featherfx.mechanics.batch import make_model

@@ -31,10 +31,10 @@ from featherfx.groom.keys.preset import Quality
 from featherfx.groom.presets.presets import read_quality
 from featherfx.lab.bench.report import ResultTable, Row
 from featherfx.lab.plumage import write_swan
+from featherfx.shot.contact.partition import share_numbers
 from featherfx.shot.frames import Frame
 from featherfx.shot.loop.simulate import Simulation, simulate
 from featherfx.shot.options import CHOSEN
-from featherfx.shot.partition.partition import share_numbers
 from featherfx.shot.patterns import Detail
 from featherfx.shot.types import LevelOfDetail, Motion, Shot, part_of
 

@@ -16,7 +16,7 @@ from featherfx.groom.materials import RachisMaterial
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.types import FeatherKind, VaneShape
-from featherfx.lab.feathers.feather import feather_kind
+from featherfx.lab.feather import feather_kind
 from featherfx.lab.studies.study import Comparisons, StudyResult, ourselves, published
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.resolution import rachis_mass, rachis_stiffness

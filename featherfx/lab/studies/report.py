@@ -23,7 +23,7 @@ from typing import Any
 from featherfx.errors import SimulationError
 from featherfx.files.atomic_write import write_text
 from featherfx.lab.bench.report import can_plot, facts_of, machine
-from featherfx.lab.feathers.full_feather import FullPull, pull_feather
+from featherfx.lab.full_feather import FullPull, pull_feather
 from featherfx.lab.ribbons.rod import ReleaseTest, Rod, natural_frequencies, release
 from featherfx.lab.studies.study import (
     STUDIES,

@@ -16,7 +16,7 @@ from scipy import sparse
 
 from featherfx.algebra.types import Array
 from featherfx.feather.build import build_feather
-from featherfx.lab.feathers.feather import feather_kind
+from featherfx.lab.feather import feather_kind
 from featherfx.lab.networks.experiments import NetworkPlan, sheared_system
 from featherfx.lab.networks.layouts import (
     FibreSection,

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.lab.feathers.feather import feather_kind
+from featherfx.lab.feather import feather_kind
 from featherfx.lab.studies.study import (
     Comparisons,
     Source,

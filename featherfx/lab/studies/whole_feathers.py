@@ -19,7 +19,7 @@ from featherfx.feather.barbs import outline_curve
 from featherfx.feather.build import build_feather
 from featherfx.feather.profiles import at_places, vane_shares
 from featherfx.groom.types import FeatherKind
-from featherfx.lab.feathers.feather import (
+from featherfx.lab.feather import (
     GRID,
     FallTest,
     StreamTest,
@@ -28,7 +28,7 @@ from featherfx.lab.feathers.feather import (
     measure_stream,
     stream_coefficients,
 )
-from featherfx.lab.feathers.full_feather import (
+from featherfx.lab.full_feather import (
     FEATHER_LENGTH,
     MIN_WRINKLE,
     SWAN,

@@ -26,7 +26,7 @@ from featherfx.feather.types import Feather, FeatherSurface, RowPoints
 from featherfx.groom.materials import VaneMaterial
 from featherfx.groom.types import FeatherKind, Hooked, Splits
 from featherfx.lab.declare import POSITIVE, Range, out_of_range, value
-from featherfx.lab.feathers.feather import feather_kind
+from featherfx.lab.feather import feather_kind
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Loads, Model, no_loads
 from featherfx.mechanics.vane_rest import cell_weights

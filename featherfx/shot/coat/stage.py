@@ -11,7 +11,7 @@ from featherfx.errors import InputWarning, count_feathers
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import stacked
 from featherfx.shot.coat.leaves import CarriedPoints, MovingCoat
-from featherfx.shot.contact.skin_binding import surfaces_under
+from featherfx.shot.contact.bodies import surfaces_under
 from featherfx.shot.direction.channels import courses
 from featherfx.shot.direction.roots import OPEN
 from featherfx.shot.frames import FeatherPose, StageClock, place

@@ -17,16 +17,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputWarning
 from featherfx.feather.types import Feather
 from featherfx.groom.types import Placement
 from featherfx.mechanics.model import Loads
 from featherfx.shot.contact.bodies import Bodies, FeathersOver
-from featherfx.shot.contact.lift_then_settle import raised_points
 from featherfx.shot.contact.local_retry import SpanInputs, Stepper
 from featherfx.shot.contact.obstacles import Obstacles
 from featherfx.shot.contact.pairs import DEEP, Encounters, FeathersAtRest, layered_pairs
-from featherfx.shot.contact.settle import settled_together, warn_of_unsettled
+from featherfx.shot.contact.settle import raised_points, settled_together, warn_of_unsettled
 from featherfx.shot.contact.steps import (
     MORE_ITERATIONS,
     FrameSteps,
@@ -45,9 +45,6 @@ from featherfx.solver.solver import Solver, StepReport
 from featherfx.solver.state import LARGEST_FIGURES, RootPath, State
 from featherfx.solver.status import MAX_INTERVAL_WORK
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 LoadsOf = Callable[[float, float], Sequence[Loads]]
 PathsOf = Callable[[float, float], Sequence[RootPath]]
 

@@ -16,6 +16,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Flags
 from featherfx.mechanics.model import Loads
 from featherfx.shot.contact.bodies import Bodies
 from featherfx.shot.contact.steps import StepRules, StepSpan
@@ -29,8 +30,6 @@ from featherfx.solver.contact.interval_options import (
 from featherfx.solver.solver import StepReport
 from featherfx.solver.state import LARGEST_FIGURES, LONG_STEP_COUNTS, RootPath, State
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 LoadsOf = Callable[[float, float], Sequence[Loads]]
 PathsOf = Callable[[float, float], Sequence[RootPath]]
 

@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array, Indices
 from featherfx.files.disk_cache import kept
 from featherfx.jit.compiled import KernelModule
 from featherfx.solver.contact.search import Searcher
@@ -33,8 +34,6 @@ from featherfx.solver.state import RootPath, State
 
 meeting_kernels = KernelModule("featherfx.solver.contact.meeting_kernels")
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # feathers are paired at rest where their boxes meet when each is larger by this, over its length
 PAIR_REACH_RATIO = 0.25

@@ -14,15 +14,12 @@ from math import ceil, inf
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array, Flags
 from featherfx.solver.contact.interval_options import ContactReport
 from featherfx.solver.solver import StepReport, raise_if_failed
 from featherfx.solver.state import State
 from featherfx.solver.status import TOO_MUCH_WORK
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 # what a step that cannot be solved is cut to at the least, over the shortest regular one
 SMALLEST = 1.0 / 16.0

@@ -30,7 +30,7 @@ import numpy as np
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.feather.crossings import strips_of
 from featherfx.groom.types import Placement
-from featherfx.shot.contact.skin_binding import SkinBeneath, surfaces_under
+from featherfx.shot.contact.bodies import SkinBeneath, surfaces_under
 from featherfx.shot.direction.channels import Course, acting, courses
 from featherfx.shot.motion.limbs import limbs_of
 from featherfx.shot.roots import RootFrames, Roots

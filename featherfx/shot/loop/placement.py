@@ -51,7 +51,7 @@ def place_feathers(shot: Shot) -> Shot:
         if shot.motion.moves_skin:
             move_body = load_name("motion.body:move_body")
             surfaces, colliders = move_body(replace(shot, groom=groom), surfaces)
-            load_name("motion.body_in_collider:warn_of_passage")(shot, surfaces, colliders)
+            load_name("motion.body:warn_of_passage")(shot, surfaces, colliders)
         skin = surfaces.bind(groom)
     exposure, alone = None, skin is None and len(groom.feathers) == 1
     if not alone and min(last_fitting(shot.shelters, groom.feathers), default=0) < 0:

@@ -1,26 +1,64 @@
-"""Roots that are carried by the joints of a groom: a skeleton, and its poses over time."""
+"""Roots that are carried by the joints of a groom: a skeleton, and its poses over time.
+
+Joints of a body that acts move, and that no feather hangs on, are neck, head, legs and feet. They
+stand in the groom beside its own ones where `[motion.joints]` names what they drive, at the pivots
+of that.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from featherfx.algebra.types import Array, Indices
-from featherfx.algebra.vectors import (
-    applied,
-    shared_turns,
-    vectors_to_frames,
-)
+from featherfx.algebra.vectors import applied, shared_turns, vectors_to_frames
 from featherfx.errors import InputError
-from featherfx.groom.types import Groom
+from featherfx.groom.types import Groom, Joint
 from featherfx.shot.roots import RootFrames
 from featherfx.shot.types import Motion, Shot
 
 if TYPE_CHECKING:
     from featherfx.shot.motion.wing_turns import ArmTurns, Bows
+    from featherfx.shot.sources import MovingSurface
+
+
+NECK, HEAD = "neck", "head"
+TARSI = "right_tarsus", "left_tarsus"
+# by their parents
+BODY_JOINTS: Mapping[str, str] = {
+    NECK: "",
+    HEAD: NECK,
+    "right_leg": "",
+    "left_leg": "",
+    "right_tarsus": "right_leg",
+    "left_tarsus": "left_leg",
+    "right_foot": "right_tarsus",
+    "left_foot": "left_tarsus",
+}
+
+
+def with_body_joints(
+    groom: Groom, driven: Mapping[str, str], surfaces: Sequence[MovingSurface]
+) -> Groom:
+    """A groom with those joints of bodies that drive joints of surfaces. driven: names of these by
+    theirs."""
+    known = {joint.name for joint in groom.joints}
+    added: list[Joint] = []
+    for name in BODY_JOINTS:
+        for surface in surfaces:
+            tree = surface.joint_tree
+            if name in driven and name not in known and tree is not None:
+                for place in tree.find(driven[name]):
+                    known.add(name)
+                    parent = BODY_JOINTS[name]
+                    while parent and parent not in known:
+                        parent = BODY_JOINTS[parent]
+                    pivot = surface.joint_matrices(None)[place][3, :3]
+                    added.append(Joint(name, pivot, parent))
+    return replace(groom, joints=(*groom.joints, *added)) if added else groom
 
 
 class MissingJointError(InputError):

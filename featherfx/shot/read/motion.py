@@ -32,7 +32,7 @@ from featherfx.groom.read.space import SceneReaders
 from featherfx.groom.types import Groom
 from featherfx.packages import load_name
 from featherfx.shot.frames import MAX_RATE, MIN_RATE, StageClock
-from featherfx.shot.motion.body_joints import BODY_JOINTS
+from featherfx.shot.motion.joints import BODY_JOINTS
 from featherfx.shot.types import Motion
 
 if TYPE_CHECKING:
@@ -155,7 +155,7 @@ def read_motion(
         )
     problems.hand_on()
     if groom is not None and clock.fit != "none":
-        clock = load_name("motion.fit:fitted")(clock, groom)
+        clock = load_name("motion.flap:fitted")(clock, groom)
     return Motion(kind, values, clock)
 
 

@@ -22,7 +22,7 @@ from featherfx.groom.read.space import SceneReaders
 from featherfx.groom.read.toml_file import file_kind, load_toml
 from featherfx.groom.read.toml_text import told
 from featherfx.groom.types import Groom
-from featherfx.shot.motion.body_joints import with_body_joints
+from featherfx.shot.motion.joints import with_body_joints
 from featherfx.shot.patterns import (
     CHANNELS,
     Channel,

@@ -13,8 +13,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Flags
 from featherfx.algebra.vectors import distinct
 from featherfx.files.process import limit_threads
 from featherfx.jit.compiled import KernelModule
@@ -64,7 +64,6 @@ list_kernels = KernelModule("featherfx.solver.contact.list_kernels")
 meeting_kernels = KernelModule("featherfx.solver.contact.meeting_kernels")
 integrator_kernels = KernelModule("featherfx.solver.step.integrator_kernels")
 
-Flags = NDArray[np.bool_]
 
 # springs of a round over the estimated stiffness of one node: of 2 to 16, 8 took the fewest
 # iterations in a dense plumage (stiffer ones leave feathers unsolved); over the inertia of bodies

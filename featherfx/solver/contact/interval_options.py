@@ -6,11 +6,9 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Flags
 from featherfx.solver.contact.types import Array
-
-Flags = NDArray[np.bool_]
 
 # Newton iterations of one solve of a feather; one that needs more gets a shorter interval
 MAX_CONTACT_ITERATIONS = 1000

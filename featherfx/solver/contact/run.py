@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.thread_team import new_team
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import vectors_to_frames
 from featherfx.algebra.views import ViewedTuples, Views, views_of
 from featherfx.files.process import limit_threads
@@ -32,9 +33,6 @@ from featherfx.solver.types import StepSettings
 
 sweep_kernels = KernelModule("featherfx.solver.contact.sweep_kernels")
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 Bytes = NDArray[np.int8]
 
 # bodies of an island that one thread solves by itself, over its share of all, at most: of many

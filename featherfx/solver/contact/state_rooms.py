@@ -12,11 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array, Flags
 from featherfx.algebra.views import Views, views_of
 from featherfx.solver.state import State
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 class StateBuffer(NamedTuple):

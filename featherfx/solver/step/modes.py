@@ -5,15 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from featherfx.algebra.types import Array
 from featherfx.jit.compiled import KernelModule
 from featherfx.mechanics.model import Loads, Model, no_loads
 from featherfx.solver.scratch import SolverScratch, make_scratch
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.types import STABILISING_STIFFNESS, IntegratorFactors, panel_shape
-
-Array = NDArray[np.float64]
 
 air_kernels = KernelModule("featherfx.mechanics.air_kernels")
 assembly_kernels = KernelModule("featherfx.solver.step.assembly_kernels")

@@ -28,6 +28,7 @@ from featherfx.shot.types import Shot
 if TYPE_CHECKING:
     from featherfx.shot.skin import BoundSkin
 
+
 # of a shot, what does not count, and what counts for each feather by itself
 _NOT_COMMON = {
     "name", "groom", "last_frame", "grips", "forces", "details", "shelters", "exposure",

@@ -34,7 +34,7 @@ from featherfx.feather.types import Feather
 from featherfx.groom.materials import RachisMaterial, VaneMaterial
 from featherfx.groom.types import FeatherKind, VaneShape
 from featherfx.lab.declare import Range, out_of_range, value
-from featherfx.lab.feathers.feather import barb_strain, feather_kind
+from featherfx.lab.feather import barb_strain, feather_kind
 from featherfx.lab.nodal.model import nodal_model
 from featherfx.lab.nodal.solver import NodalSolver, nodal_rest_state
 from featherfx.mechanics.batch import make_model

@@ -1,1 +1,0 @@
-"""Experiments on one feather or strip."""
