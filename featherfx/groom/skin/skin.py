@@ -16,7 +16,14 @@ import numpy as np
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import cross_columns, dots, triangle_edges
 from featherfx.files.disk_cache import kept
-from featherfx.groom.skin.field import TurnField, search_tree, size_classes, turn_field
+from featherfx.groom.skin.field import (
+    TurnField,
+    fill_sound,
+    has_flat,
+    search_tree,
+    size_classes,
+    turn_field,
+)
 
 # a triangle whose height is below this share of its longest side has no tangent plane
 _THINNEST = 1e-5
@@ -139,13 +146,10 @@ def bound_before(*how: Any) -> Binding:
 def find_sound(corners: Array, rest: Array) -> Array | None:
     """(U,) 1 of triangles with an area, falling smoothly to 0 as it vanishes; None where no
     triangle is thin, or all have their area. corners, rest: (U, 3, 3) m."""
-    # what is only checked does without compiled code
-    from featherfx.groom.skin import field_kernels as kernels
-
     sound = np.empty(len(corners))
-    if not kernels.has_flat(corners, _THIN):
+    if not has_flat(corners, _THIN):
         return None
-    return None if kernels.fill_sound(corners, rest, _THINNEST, _CRUSHED_RATIO, sound) else sound
+    return None if fill_sound(corners, rest, _THINNEST, _CRUSHED_RATIO, sound) else sound
 
 
 def borrow_turns(binding: Binding, sound: Array) -> tuple[Binding, Flags]:
