@@ -21,7 +21,7 @@ class Package(NamedTuple):
     levels: what changes levels of detail (shot/detail/guides.py). roots: what changes the motion of
     roots, (shot, Roots) -> Roots. dependences: what the motion of each feather depends on, (shot,
     Roots) -> values, None for none; spreads: the same of what it shares with others, (shot,
-    ShotOptions, texts) -> texts (shot/motion/dependence.py).
+    ShotOptions, texts) -> texts (shot/motion/motion.py).
     """
 
     name: str
@@ -72,7 +72,7 @@ PACKAGES = (
         "Feathers that push each other, the skin and colliders.",
         tables=("contact",),
         stages=("contact.contact_group:ContactStage",),
-        spreads=("contact.islands:add_islands",),
+        spreads=("contact.partition:add_islands",),
     ),
     Package(
         "hooks",

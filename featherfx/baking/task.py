@@ -70,7 +70,7 @@ class Dependences:
     def texts(self) -> list[str]:
         """Texts of the feathers' motion."""
         # loads compiled code, which a finished cache does without
-        from featherfx.shot.motion.dependence import motion_dependences
+        from featherfx.shot.motion.motion import motion_dependences
 
         every = motion_dependences(self.shot, self.options)
         return [every[k] for k in self._numbers]
@@ -97,7 +97,7 @@ class BakeTask:
     (None: all). names: prim name per feather. root: name of the root prim. finished: the output is
     there already. taken: feathers that are reused of a cache of other settings at the output.
     origin: position of the root prim. options: with the final units and axis. dependences: texts of
-    its feathers (featherfx/shot/motion/dependence.py); None for a trial, which keeps nothing.
+    its feathers (featherfx/shot/motion/motion.py); None for a trial, which keeps nothing.
     frames_each: frames of a chunk, where it must be another cache's; else the writer's choice.
     bodies: that an act moves, by the files of their layers: those of all partitions are the same.
     """

@@ -11,8 +11,7 @@ from places import ROOT, SAMPLES
 from featherfx.errors import InputError, InputWarning
 from featherfx.shot.direction.channels import courses
 from featherfx.shot.loop.simulate import simulate
-from featherfx.shot.motion.dependence import motion_dependences
-from featherfx.shot.motion.motion import root_motion
+from featherfx.shot.motion.motion import motion_dependences, root_motion
 from featherfx.shot.patterns import CHANNELS, Channel, Detail
 from featherfx.shot.read.read import read_shot
 

@@ -16,7 +16,7 @@ from featherfx.errors import InputError, InputWarning
 from featherfx.shot.direction.targets import _shortest, along_line
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import simulate
-from featherfx.shot.motion.dependence import motion_dependences
+from featherfx.shot.motion.motion import motion_dependences
 from featherfx.shot.patterns import Channel, Detail, Target
 from featherfx.shot.types import Motion
 

@@ -22,7 +22,7 @@ from featherfx.render.options import PictureOptions
 from featherfx.render.subject import open_subject
 from featherfx.shot.loop.hooks import Water, clumping
 from featherfx.shot.loop.simulate import simulate
-from featherfx.shot.motion.dependence import motion_dependences
+from featherfx.shot.motion.motion import motion_dependences
 from featherfx.shot.patterns import Wet, last_fitting
 from featherfx.shot.read.read import read_shot
 from featherfx.usd.read.cache import Cache

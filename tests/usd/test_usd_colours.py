@@ -12,7 +12,7 @@ from pxr import Usd, UsdGeom, UsdShade
 import featherfx
 from featherfx.errors import InputError
 from featherfx.groom.materials import VANE_COLOUR, linear
-from featherfx.shot.motion.dependence import motion_dependences
+from featherfx.shot.motion.motion import motion_dependences
 from featherfx.shot.read.read import read_shot
 from featherfx.usd.check.check import check_usd
 from featherfx.usd.convert.condensed import export_condensed

@@ -3,7 +3,7 @@
 A part of the body is where one of its sites is nearer than those of all other parts; sites stand
 between landmarks, so they fit any skin.
 
-Landmarks of a bird's body: which way it looks, and what is wrong with them.
+Landmarks tell which way a body looks. They are checked here.
 """
 
 from __future__ import annotations

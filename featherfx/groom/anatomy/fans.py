@@ -1,6 +1,6 @@
 """[[tail]] and [[crest]]: feathers that open and close about one joint, each by its share.
 
-Feathers and joints of wings, tails and crests.
+Limbs of all sorts, wings included, are grown together: their feathers and joints.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Colliders, and the skin under the feathers: where their meshes are at both ends of a step.
 
-The skin under feathers: which of its triangles points are over at rest, and where it is.
+Of the skin, points know which triangles they are over at rest.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Feathers of one contact group: they may touch each other and take common steps.
 
-Wings whose motion leads roots into the body: nothing makes room for what is between.
-
-A bird that is groomed with open wings and without `opens` has a folded pose that lies where its
-type has it, not on this body.
+The motion of a wing may lead roots into the body, where nothing makes room for what is between: a
+bird that is groomed with open wings and without `opens` has a folded pose that lies where its type
+has it, not on this body.
 """
 
 from __future__ import annotations
@@ -21,8 +20,8 @@ from featherfx.groom.anatomy.drape import Body
 from featherfx.groom.skin.field import search_tree
 from featherfx.mechanics.model import Loads
 from featherfx.shot.contact.contact import MAX_NAMED, ShotContact
-from featherfx.shot.contact.islands import pushing_islands
 from featherfx.shot.contact.obstacles import Obstacles, obstacles_of
+from featherfx.shot.contact.partition import pushing_islands
 from featherfx.shot.loop.free_group import is_at_rest, is_undisturbed, skip_frame
 from featherfx.shot.loop.groups import ALONE, Bounds, FeatherGroup
 from featherfx.shot.loop.run import Arrays, ShotRun, Stage, prefixed, under
@@ -91,7 +90,7 @@ def _at_rest(now: RootFrames, rest: RootFrames, some: Flags, coat: Indices) -> A
 
 
 class ContactGroup:
-    """Batches of one contact group (islands.py), whose states it brings on. groups: at least one.
+    """Batches of one contact group (partition.py), whose states it brings on. groups: at least one.
     obstacles: of the contact group."""
 
     def __init__(self, run: ShotRun, groups: Sequence[FeatherGroup], obstacles: Obstacles) -> None:

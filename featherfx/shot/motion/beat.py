@@ -40,7 +40,7 @@ over a ramp of r beats they speed up, and stay r / 2 behind. The phase is the in
 frequency, and numbers that change over time do so smoothly: modes of flight follow each other
 without a jump.
 
-Poses of joints that swing: a groom along a line, or joints about an axis; of level trunks.
+Besides beats, joints swing: a groom along a line, or joints about an axis. Trunks are levelled.
 """
 
 from __future__ import annotations
