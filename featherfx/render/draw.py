@@ -225,7 +225,7 @@ class Exposure:
 
 
 def draw(path: Path, output: Path, options: PictureOptions, jobs: int) -> list[Path]:
-    """As featherfx.render.options.render, of arguments that are right."""
+    """As featherfx.render.picture.render, of arguments that are right."""
     with phase("reading"):
         subjects = [open_subject(Path(each), options) for each in (path, *options.others)]
         times = _times(path, subjects[0], options, output)

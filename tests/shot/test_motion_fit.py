@@ -84,5 +84,5 @@ def test_a_skin_tells_the_size_of_its_bird(tmp_path):
 
 
 def test_a_fit_that_is_none_is_told(tmp_path):
-    with pytest.raises(InputError, match=r"motion.flap: 'wings' is not allowed"):
+    with pytest.raises(InputError, match=r"motion.fit: 'wings' is not allowed"):
         clock_of(tmp_path, 1.0, 'base = "walk"\nfit = "wings"')
