@@ -203,7 +203,7 @@ class ContactRun:
     acceleration: m/s^2, down a steep slope; creep: m/s, of a plate that sticks on a flat one, and
     creep_most: slip speed below which friction sets in. momentum: N s, after a collision.
     energy_gain: most that T + U rises above what it was before, over the largest T. depth: m,
-    deepest that plates are in each other, settled or in motion.
+    deepest that plates are in each other, settled or in motion. steps_a_frame: mean, of a swing.
     """
 
     droop: float | None = None
@@ -219,6 +219,7 @@ class ContactRun:
     momentum: float | None = None
     momentum_exact: float | None = None
     energy_gain: float | None = None
+    steps_a_frame: float | None = None
     depth: float = 0.0
 
 
@@ -270,9 +271,11 @@ def _hang(plates: Sequence[Plate], setup: PlateSetup, frames: int) -> ContactRun
     )
     if not frames:
         return found
-    samples = list(TouchingPlates(plates, setup).go(frames))
+    swinging = TouchingPlates(plates, setup)
+    samples, report = list(swinging.go(frames)), swinging.contact_report()
     return replace(
         found,
+        steps_a_frame=report["steps"] / frames if report else None,
         frequency=_measure_frequency(np.array([each.tips.mean() for each in samples])),
         frequency_exact=frequency_of(plates, setup.loss),
         energy_gain=energy_gain(samples),

@@ -200,6 +200,21 @@ def test_matter_varies_as_measured_and_nothing_else_with_it(tmp_path: Path) -> N
     assert len({each.kind.vane_material.modulus_across_barbs for each in shared}) == 5
 
 
+def test_stiffness_and_weight_vary_apart(tmp_path: Path) -> None:
+    many = "".join(feather(f"f{number}") for number in range(300))
+    spread = "[variation]\nstiffness = 0.1\nweight = 0.05\n"
+    plain = groom_of(tmp_path, feather("f7")).feathers[0].kind
+    kinds = [each.kind for each in groom_of(tmp_path, many + spread).feathers]
+    young, mass = np.array(
+        [(k.rachis_material.youngs_modulus, k.rachis_material.cortex_density) for k in kinds]
+    ).T / [[plain.rachis_material.youngs_modulus], [plain.rachis_material.cortex_density]]
+    vanes = [k.vane_material.surface_density / plain.vane_material.surface_density for k in kinds]
+    np.testing.assert_allclose(vanes, mass, rtol=1e-12)
+    assert [young.std(), mass.std()] == pytest.approx([0.1, 0.05], rel=0.15)
+    assert abs(np.corrcoef(young, mass)[0, 1]) < 0.2
+    assert groom_of(tmp_path, feather("f7") + spread).feathers[0].kind == kinds[7]
+
+
 def test_equal_feathers_share_their_kind(tmp_path: Path) -> None:
     feathers = groom_of(tmp_path, ROW).feathers
     assert len({id(each.kind) for each in feathers}) == 1

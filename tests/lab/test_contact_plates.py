@@ -12,6 +12,7 @@ from featherfx.errors import InputError
 from featherfx.lab.contact import ContactTest, TouchingPlates, energy_gain, run_contact
 from featherfx.lab.plates import (
     BENDING,
+    FRAMES_PER_SECOND,
     LENGTH,
     Plate,
     PlateSetup,
@@ -20,6 +21,7 @@ from featherfx.lab.plates import (
     prop_force,
     propped_tip,
 )
+from featherfx.lab.studies.rods import stepped_frequency
 from featherfx.solver.damping import fit_branches
 
 
@@ -78,15 +80,20 @@ def test_a_plate_sticks_on_a_flat_slope_and_slides_down_a_steep_one():
 @pytest.mark.parametrize("steps", [16, 64])
 @pytest.mark.parametrize(
     ("case", "figure", "most"),
-    [
-        ("slide", "acceleration", 0.02),
-        ("collide", "momentum", 3e-3),
-        ("plates", "frequency", 0.02),
-    ],
+    [("slide", "acceleration", 0.02), ("collide", "momentum", 3e-3)],
 )
 def test_plates_move_as_their_closed_forms_say(case, figure, most, steps):
     found = run_contact(ContactTest(case=case, steps=steps))
     assert getattr(found, figure) == pytest.approx(getattr(found, f"{figure}_exact"), rel=most)
+    assert found.energy_gain < 1e-3
+
+
+@pytest.mark.parametrize("steps", [4, 16, 64])
+def test_contact_adds_nothing_to_what_steps_slow_a_swing_by(steps):
+    """Of second order: with 4 steps a frame the integrator alone is 3.1 % slow, with 64 not."""
+    found = run_contact(ContactTest(case="plates", steps=steps))
+    stepped = stepped_frequency(found.frequency_exact, 1.0 / (steps * FRAMES_PER_SECOND))
+    assert found.frequency == pytest.approx(stepped, rel=0.01)
     assert found.energy_gain < 1e-3
 
 

@@ -276,6 +276,13 @@ VARIATION_KEYS = {
         0.0,
     ),
     "thickness": Key(Number(0, 0.3), "Standard deviation of the vane's thickness, relative.", 0.0),
+    "stiffness": Key(Number(0, 0.3), "Standard deviation of all stiffnesses, relative.", 0.0),
+    "weight": Key(
+        Number(0, 0.3),
+        "Standard deviation of all masses, relative; of primaries of one wing about the law of "
+        "their lengths 0.04 to 0.09 were weighed (validation).",
+        0.0,
+    ),
     "variants": Key(
         Number(0, 10_000, whole=True),
         "Different draws of all but length and roll for each region and kind, so that feathers "

@@ -52,7 +52,10 @@ SCENE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 Overrides = dict[str, dict[str, Any]]
 _WILD = re.compile(r"[*?[]")  # what makes a pattern more than an id
 # of [variation], what is drawn besides size, width, camber and roll
-_MATTER = ("barb_angle", "modulus_across_barbs", "modulus_along_barbs", "thickness")
+_MATTER = (
+    "barb_angle", "modulus_across_barbs", "modulus_along_barbs", "thickness", "stiffness", "weight",
+)  # fmt: skip
+_DRAWS = "/matter", "/bulk"  # after a name, what is drawn of it
 _MULTIPLIED = ("scale", "width", "stiffness", "weight")
 # lengths of the longest feather, that roots and joints may be apart; in another unit they are
 _MAX_SPREAD = 50.0
@@ -409,7 +412,7 @@ def _warn_of_units(placements: Sequence[Placement], joints: Sequence[Joint], pla
 
 
 def _drawn(spread: dict[str, Any], drafts: list[Draft]) -> Array:
-    """(n, 8) draws of all feathers, of length, width, camber, roll, and of _MATTER; but for length
+    """(n, 10) draws of all feathers, of length, width, camber, roll, and of _MATTER; but for length
     and roll few different ones where asked for."""
     names = [draft.id for draft in drafts]
     own = draws(spread["seed"], names)
@@ -419,8 +422,8 @@ def _drawn(spread: dict[str, Any], drafts: list[Draft]) -> Array:
             for draft in drafts
         ]
         own[:, 1:3] = draws(spread["seed"], names)[:, 1:3]
-    matter = draws(spread["seed"], [f"{name}/matter" for name in names])
-    return np.concatenate([own, matter], axis=1)
+    matter, bulk = (draws(spread["seed"], [name + end for name in names]) for end in _DRAWS)
+    return np.concatenate([own, matter, bulk[:, :2]], axis=1)
 
 
 def _patterns(name: str, kind: FeatherKind) -> tuple[int, int]:
@@ -436,7 +439,7 @@ def _placements(spread: Any, drafts: list[Draft], store: KindStore) -> tuple[Pla
     """spread: checked [variation], or None."""
     if not drafts:
         return ()
-    changes = np.zeros((len(drafts), 8))
+    changes = np.zeros((len(drafts), 10))
     if spread is not None and spread is not INVALID:
         sizes = [spread[name] for name in ("length", "width", "camber", "roll", *_MATTER)]
         changes = _drawn(spread, drafts) * sizes
@@ -464,8 +467,8 @@ def _placement(draft: Draft, rotation: Array, change: list[float], store: KindSt
         camber=drawn.camber + draft.curl + change[2],
         hollow=draft.hollow,
         wrap=draft.wrap,
-        stiffness=draft.stiffness,
-        weight=draft.weight,
+        stiffness=draft.stiffness * (1.0 + change[8]),
+        weight=draft.weight * (1.0 + change[9]),
         patterns=_patterns(draft.id, kind),
         angle=change[4],
         across=1.0 + change[5],

@@ -101,11 +101,10 @@ def as_weighed(kind: FeatherKind, bird: Weighed) -> FeatherKind:
     )
 
 
-def moving_fraction(rise: float) -> float:
-    """Return the vanes' fraction of the mass that moves in the first mode.
-
-    Without the vanes its frequency is so many percent higher, for the same mode shape."""
-    return 1.0 - (1.0 + 0.01 * rise) ** -2
+def _trimmed(kind: FeatherKind, coefficients: int) -> float:
+    """Percent, by which the first frequency in air is higher without the vanes."""
+    blown = _frequencies(kind, _COLUMNS, coefficients, 1, _AIR)[0]
+    return float(100.0 * (_frequencies(_bare(kind), 1, 0, 1)[0] / blown - 1.0))
 
 
 def _widened(vane: VaneShape, mean: float) -> VaneShape:
@@ -158,18 +157,19 @@ def masses(folder: Path) -> StudyResult:
     note = "secondary at their lengths; nothing was fitted to them"
     values = float(np.mean(ours)), float(np.mean(weighed)), _WEIGHED_TO
     rows.compare(text, *values, source, unit="g", absolute=True, note=note)
-    for preset in ("swan_primary", "primary"):
+    for preset, bird, birds in (("swan_primary", "gull", _GULL), ("primary", "pigeon", _PIGEON)):
         kind = feather_kind(preset)
         whole, edgewise = _frequencies(kind, _COLUMNS, _COEFFICIENTS, 2)
-        blown = _frequencies(kind, _COLUMNS, _COEFFICIENTS, 1, _AIR)[0]
         bare = _frequencies(_bare(kind), 1, 0, 2)
-        rise = 100.0 * (bare[0] / blown - 1.0)
+        outer = as_weighed(kind, birds[0])
+        rise = _trimmed(kind, _COEFFICIENTS)
         text = f"first frequency of {preset} without its vanes, more by"
-        note = f"so vanes and their air have {moving_fraction(rise):.0%} of the mass that moves;"
-        note += f" in vacuum it rises by {100.0 * (bare[0] / whole - 1.0):.0f} %, in the vane's"
-        note += f" plane, where air is not pushed, by {100.0 * (bare[1] / edgewise - 1.0):.0f}; of"
-        note += f" theirs, shaken in both, {moving_fraction(_RISE[0] - _RISE[1]):.0%} to"
-        note += f" {moving_fraction(sum(_RISE)):.0%}"
+        note = f"with rigid barbs by {_trimmed(kind, 0):.0f}: those of the preset swing at the"
+        note += " shaft's own frequency, by a stiffness chosen by eye (Jouve 2024, section 6.4);"
+        note += f" in vacuum by {100.0 * (bare[0] / whole - 1.0):.0f}, in the vane's plane, where"
+        note += f" air is not pushed, by {100.0 * (bare[1] / edgewise - 1.0):.0f}; of a {bird}'s"
+        note += f" outermost primary, as weighed, by {_trimmed(outer, _COEFFICIENTS):.0f}, with"
+        note += f" rigid barbs {_trimmed(outer, 0):.0f}. The abstract names no feather"
         rows.compare(text, rise, *_RISE, _TRIMMED, unit="%", absolute=True, note=note)
         rows.report(f"first frequency of {preset}, clamped", whole, unit="Hz")
     return StudyResult([*rows, *_grown(), *_keratin(), *_along(), *_train()])
@@ -201,9 +201,10 @@ def _grown() -> Comparisons:
         every = [each.calamus + each.vane for each in measured]
         first = 1 + int(np.argmax(every))
         weighed = [each.mass for each in measured[first:]]
-        told = np.polyfit(np.log(every[first:]), np.log(weighed), 1)[0]
+        told = np.polyfit(np.log(every[first:]), np.log(weighed), 1)
+        left = np.log(weighed) - np.polyval(told, np.log(every[first:]))
         text = f"power of the length with which inner primaries of a {bird}'s wing weigh"
-        note = f"weighed {told:.3g} ({_WEIGHED})"
+        note = f"weighed {told[0]:.3g}, each within {left.std(ddof=2):.1%} ({_WEIGHED})"
         rows.compare(text, power, *_POWER, _DAWSON, absolute=True, note=note)
     return rows
 
