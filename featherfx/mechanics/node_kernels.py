@@ -43,22 +43,15 @@ from featherfx.algebra.vector_kernels import (
     sub,
 )
 from featherfx.jit.compiled import kernel
-from featherfx.mechanics.air_kernels import carries_air
-
-
-@kernel
-def _facing(around, i, p):
-    """Return the unit normal at a node, zero where it has none, and the area, m^2."""
-    size = length(around.area[i, p])
-    return scale(1.0 / size if size > 0.0 else 0.0, around.area[i, p]), size
+from featherfx.mechanics.air_kernels import carries_air, unit_normal
 
 
 @kernel
 def _drag(air, rachis, facing, rate, point, around, i, p):
     """Energy D, its gradient by the velocity, and what its second derivative is made of.
 
-    air: of Loads. rachis: m^2 of bare rachis. facing: of _facing. i, p: row and node. The second
-    derivative is b 1 + (a - b) n n^T; returns (D, gradient, a, b).
+    air: of Loads. rachis: m^2 of bare rachis. facing: the vane's unit normal and area, m^2. i, p:
+    row and node. The second derivative is b 1 + (a - b) n n^T; returns (D, gradient, a, b).
     """
     (n, size), half = facing, 0.5 * air[0]
     normal, tangential = half * size * air[1], half * (size * air[2] + rachis * air[3])
@@ -96,7 +89,7 @@ def node_energy(model, loads, f, factors, points, around):
             offset = sub(x, around.target.nodes[i, p])
             total += 0.5 * inertia * m * dot(offset, offset)
             total -= m * dot(loads.gravity, x)
-            facing = _facing(around, i, p)
+            facing = unit_normal(around.area[i, p]), length(around.area[i, p])
             if carries:
                 stiffness, distance = _carry(inertia, x, facing[0], around, i, p)
                 total += 0.5 * stiffness * distance * distance
@@ -129,7 +122,7 @@ def node_forces(model, loads, f, factors, points, around, force, stiff):
             store(force[i, p], combined(inertia * m, offset, -m, loads.gravity))
             for k in range(3):
                 out[k], out[3 + k] = inertia * m, 0.0
-            facing = _facing(around, i, p)
+            facing = unit_normal(around.area[i, p]), length(around.area[i, p])
             if carries:
                 stiffness, distance = _carry(inertia, x, facing[0], around, i, p)
                 accumulate(force[i, p], stiffness * distance, facing[0])

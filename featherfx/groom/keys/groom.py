@@ -279,8 +279,8 @@ VARIATION_KEYS = {
     "stiffness": Key(Number(0, 0.3), "Standard deviation of all stiffnesses, relative.", 0.0),
     "weight": Key(
         Number(0, 0.3),
-        "Standard deviation of all masses, relative; of primaries of one wing about the law of "
-        "their lengths 0.04 to 0.09 were weighed (validation).",
+        "Standard deviation of all masses, relative; inner primaries of two wings were weighed "
+        "within 0.04 and 0.06 of the law of their lengths.",
         0.0,
     ),
     "variants": Key(

@@ -324,7 +324,7 @@ released_rod rods:released A rod let go
     chain of rigid links
 feather_masses feathers:masses Presets beside feathers that were weighed, shaken and pulled
     Harvey et al. 2022, data of AvInertia; abstracts of Deng et al. 2022 and others
-feathers_in_air feathers_in_air:in_air Feathers in air beside plates, strips and wings
+feathers_in_air whole_feathers:in_air Feathers in air beside plates, strips and wings
     Lindenburg 2003 (ECN-C--03-025); abstracts of Withers 1981 and others
 vane_locking vane:locking Locking of unaligned meshes
     Jouve 2024, figures 4.4 and 4.7; Jouve et al. 2024, figure 5
@@ -350,11 +350,11 @@ ribbon_and_rod ribbons:against_rod The curled ribbon beside a rod of rectangular
     Charrondiere et al. 2019, section 5.5 and figure 9
 ribbon_ends ribbons:ends A curled ribbon by its equations of equilibrium, and one held at both ends
     Charrondiere et al. 2019, sections 5.2 and 6
-full_feather_side full_feather:side_pull A whole feather, its vane pulled
+full_feather_side whole_feathers:side_pull A whole feather, its vane pulled
     Jouve 2024, figure 6.9; Jouve et al. 2024, figure 1
-full_feather_tip full_feather:tip_pull A whole feather, its tip pulled
+full_feather_tip whole_feathers:tip_pull A whole feather, its tip pulled
     Jouve 2024, figure 6.5
-guard_truss full_feather:guard Does a penalty on lost area make a truss buckle?
+guard_truss whole_feathers:guard Does a penalty on lost area make a truss buckle?
     Jouve 2024, equation 6.6 and figure 6.8
 fibre_lattice networks:lattice Triangular lattices, whole and diluted, and their iterative solution
     Houghton 2020, section 5.3, tables 5.4 and 5.5; section 2.2.4
