@@ -36,35 +36,28 @@ if TYPE_CHECKING:
     from featherfx.usd.read.contents import inspect_stage as inspect_stage
 
 _HOMES = {
-    "bake": "featherfx.baking.bake",
-    "bake_flock": "featherfx.baking.flock",
-    "check": "featherfx.baking.check",
-    "count_crossings": "featherfx.usd.check.measures",
-    "error_of": "featherfx.baking.accuracy",
-    "explain_options": "featherfx.baking.check",
-    "explained_lines": "featherfx.baking.check",
-    "export": "featherfx.baking.export",
-    "export_groom": "featherfx.baking.export",
-    "export_levels": "featherfx.usd.convert.levels",
-    "export_rigid": "featherfx.usd.convert.rigid",
-    "inspect_stage": "featherfx.usd.read.contents",
-    "is_cache": "featherfx.usd.check.check",
-    "join": "featherfx.baking.plan",
-    "judge_complete_cache": "featherfx.usd.check.check",
-    "measure_coverage": "featherfx.baking.export",
-    "measure_holes": "featherfx.usd.check.measures",
-    "measure_plumage": "featherfx.usd.check.measures",
-    "plan": "featherfx.baking.plan",
-    "stats": "featherfx.baking.stats",
-    "read_shot": "featherfx.api",
-    "retime": "featherfx.usd.convert.retime",
-    "sculpt": "featherfx.usd.convert.sculpt",
+    "api": "read_shot",
+    "baking.accuracy": "error_of",
+    "baking.bake": "bake",
+    "baking.check": "check explain_options explained_lines",
+    "baking.export": "export export_groom measure_coverage",
+    "baking.flock": "bake_flock",
+    "baking.plan": "join plan",
+    "baking.stats": "stats",
+    "usd.check.check": "is_cache judge_complete_cache",
+    "usd.check.measures": "count_crossings measure_holes measure_plumage",
+    "usd.convert.levels": "export_levels",
+    "usd.convert.retime": "retime",
+    "usd.convert.rigid": "export_rigid",
+    "usd.convert.sculpt": "sculpt",
+    "usd.read.contents": "inspect_stage",
 }
+_HOME_OF = {name: module for module, names in _HOMES.items() for name in names.split()}
 
 
 def __getattr__(name: str) -> Any:
-    if name in _HOMES:
+    if name in _HOME_OF:
         # all of what is loaded stays
         with seldom_collected():
-            return getattr(import_module(_HOMES[name]), name)
+            return getattr(import_module(f"featherfx.{_HOME_OF[name]}"), name)
     raise AttributeError(f"module '{__name__}' has no attribute '{name}'")

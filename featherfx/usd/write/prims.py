@@ -195,11 +195,6 @@ def paint_primvars(entries: Sequence[FeatherEntry], part: str) -> dict[str, Any]
     return values
 
 
-def chart_primvar(entries: Sequence[FeatherEntry]) -> Any:
-    """Return the charts of feathers that have one."""
-    return arrays.vec4f(np.stack([e.chart for e in entries if e.chart is not None]))
-
-
 def _st(entry: FeatherEntry, part: str) -> Any:
     if part == MESH_PRIM:
         return entry.feather.surface.st
@@ -303,7 +298,8 @@ def define_rachises(
     if not group.alone and all(entry.root is not None for entry in entries):
         author_primvars(prim, group.interpolation, **skin_primvars(entries))
     if entries[0].chart is not None:
-        author_primvars(prim, group.interpolation, chart=chart_primvar(entries))
+        charts = arrays.vec4f(np.stack([e.chart for e in entries if e.chart is not None]))
+        author_primvars(prim, group.interpolation, chart=charts)
     shades = join_shades(entries, "rachis", [1] * len(entries))
     _author_look(prim, "rachis", materials, shades, "" if shades is None else group.interpolation)
 
