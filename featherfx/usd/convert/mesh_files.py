@@ -25,6 +25,7 @@ from featherfx.files.atomic_write import into, standing, write_all
 from featherfx.phases import counted
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.types import OutputError, StageSpace
+from featherfx.usd.write.layers import output_errors
 from featherfx.usd.write.output import USD_SUFFIXES, find_file_problems
 
 MESH_SUFFIXES = (".glb", ".obj", ".ply", ".stl")
@@ -62,12 +63,9 @@ def mesh_sequence(
         content = _scene(cache, code, output.suffix == ".glb").export(file_type=output.suffix[1:])
         file.write(content.encode() if isinstance(content, str) else content)
 
-    try:
+    with output_errors():
         each = counted("writing", zip(files, codes, strict=True), len(files))
         write_all(((file, into(partial(put, code=code))) for file, code in each), before)
-    except OSError as error:
-        message = f"not written: {error.strerror or error}"
-        raise OutputError(Problem(str(error.filename), "", message)) from error
     return files
 
 
@@ -157,12 +155,8 @@ def export_morph(
         raise OutputError(*problems)
     before = {output: standing(output)}
     content = _gltf_content(cache, [float(code) for code in codes if code is not None], counts)
-    try:
+    with output_errors():
         write_all([(output, into(lambda file: file.writelines(content)))], before)
-    except OSError as error:
-        raise OutputError(
-            Problem(str(output), "", f"not written: {error.strerror or error}")
-        ) from error
     return output
 
 
