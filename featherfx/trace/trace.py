@@ -40,6 +40,7 @@ from featherfx.trace.feather_lines import (
     widths,
 )
 from featherfx.trace.silhouette import AlignedPicture, Photo, laid_out, read_photo, silhouette
+from featherfx.usd.write.output import find_file_problems
 
 Guides = list[tuple[float, float, float]]
 
@@ -402,20 +403,11 @@ def write_traced(
     Raises InputError where a file exists that may not be replaced, or cannot be written.
     """
     files = [output, *([overlay] if overlay else [])]
-    problems = [
-        Problem(str(each), "", "exists already. Choose another name or --overwrite")
-        for each in files
-        if each.exists() and not overwrite
-    ]
+    problems = [fault for each in files for fault in find_file_problems([each], overwrite)]
     if output.suffix != ".toml":
         problems.append(Problem(str(output), "", f"suffix '{output.suffix}' is not .toml"))
     if overlay is not None and overlay.suffix.lower() not in (".png", ".jpg"):
         problems.append(Problem(str(overlay), "", f"suffix '{overlay.suffix}' is not .png or .jpg"))
-    problems += [
-        Problem(str(each.parent), "", "folder does not exist. Make it first")
-        for each in files
-        if not each.parent.is_dir()
-    ]
     require(*problems)
     writers = [(output, into_text(traced.text))]
     if overlay is not None:
