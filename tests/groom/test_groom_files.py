@@ -202,7 +202,7 @@ def test_matter_varies_as_measured_and_nothing_else_with_it(tmp_path: Path) -> N
 
 def test_stiffness_and_weight_vary_apart(tmp_path: Path) -> None:
     many = "".join(feather(f"f{number}") for number in range(300))
-    spread = "[variation]\nstiffness = 0.1\nweight = 0.05\n"
+    spread = "[variation]\nstiffness = 0.1\nweight = 0.05\nbarb_angle = 2\n"
     plain = groom_of(tmp_path, feather("f7")).feathers[0].kind
     kinds = [each.kind for each in groom_of(tmp_path, many + spread).feathers]
     young, mass = np.array(
@@ -211,7 +211,8 @@ def test_stiffness_and_weight_vary_apart(tmp_path: Path) -> None:
     vanes = [k.vane_material.surface_density / plain.vane_material.surface_density for k in kinds]
     np.testing.assert_allclose(vanes, mass, rtol=1e-12)
     assert [young.std(), mass.std()] == pytest.approx([0.1, 0.05], rel=0.15)
-    assert abs(np.corrcoef(young, mass)[0, 1]) < 0.2
+    angles = [each.leading.guides[0].angle for each in kinds]
+    assert np.abs(np.corrcoef([young, mass, angles]) - np.eye(3)).max() < 0.2
     assert groom_of(tmp_path, feather("f7") + spread).feathers[0].kind == kinds[7]
 
 
