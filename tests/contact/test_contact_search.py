@@ -155,28 +155,46 @@ def test_what_pressed_in_a_search_of_a_step_is_found_in_the_next(seed):
     assert next(pairs) > 0.9 * next(pairs)
 
 
-def test_where_vanes_cross_no_depth_has_to_be_taken_back():
-    """A vane through another: points on either side of where they cross are nearer to it than both
-    are thick, and what would bring one out presses its neighbour in."""
+def flat_vane():
+    """Nodes (n, 1 + 2 m, 3) m of the vanes of flat_pair where they lie in each other."""
+    return free_feathers("body_contour", np.zeros((1, 3)), rows=7, columns=3)[1].points.nodes[0]
+
+
+def tilted(degrees):
+    """By how much (m) each of them moves as the vane turns about its middle."""
+    flat, tilt = flat_vane(), Rotation.from_euler("x", degrees, degrees=True)
+    middle = flat.mean(axis=(0, 1))
+    return middle + (flat - middle) @ tilt.as_matrix() - flat
+
+
+def flat_pair(order, start, ahead, recovery=1e-6, above=False):
+    """Contacts of a vane that is moved off a flat host by start and ahead (m) with that host.
+
+    above: whether all its points were above the host before."""
     model, state = free_feathers("body_contour", np.zeros((2, 3)), rows=7, columns=3)
     grids = grids_of([model])
     surfaces = surfaces_of([model], grids, [0.5 * THICKNESS] * 2)
-    candidates = Candidates(np.array([(0, 1)]), np.ones(1, dtype=np.int64), np.zeros(1))
-    flat = grids.together([state.points.nodes])
-    within = flat.copy()
-    within[0, ..., 2] += 0.6 * THICKNESS
-    middle, tilt = flat[0].mean(axis=(0, 1)), Rotation.from_euler("x", 2.0, degrees=True)
-    across = flat.copy()
-    across[0] = middle + (flat[0] - middle) @ tilt.as_matrix()
+    candidates = Candidates(np.array([(0, 1)]), np.array([order]), np.zeros(1))
+    poses = [grids.together([state.points.nodes]) for _ in range(2)]
+    poses[0][0] += start
+    poses[1][0] += ahead
+    known = no_memory(surfaces)
+    if above:
+        key, side = np.arange(known.wall[0].size), np.ones(known.wall[0].size, dtype=np.int8)
+        known = known._replace(key=key, force=np.zeros((len(key), 2)), side=side)
+    bodies = moving_bodies(*poses, np.ones(poses[0].shape[:3]))
+    margins = np.full(2, MARGIN)
+    search = SearchSettings(surfaces, bodies, known, margins, MARGIN, recovery, WALL_FIT, True)
+    return Searcher(candidates, surfaces).find(search).contacts
+
+
+def test_where_vanes_cross_no_depth_has_to_be_taken_back():
+    """A vane through another: points on either side of where they cross are nearer to it than both
+    are thick, and what would bring one out presses its neighbour in."""
     found = {}
-    for name, points in (("within", within), ("across", across)):
-        bodies = moving_bodies(points, points, np.ones(points.shape[:3]))
-        memory, margins = no_memory(surfaces), np.full(2, MARGIN)
-        search = SearchSettings(surfaces, bodies, memory, margins, MARGIN, 1.0, WALL_FIT, True)
-        contacts = Searcher(candidates, surfaces).find(search).contacts
-        x = np.stack(
-            [guest_place(points[0], c["row"], c["point"], c["fraction"]) for c in contacts]
-        )
+    for name, move in (("within", np.array([0.0, 0.0, 0.6 * THICKNESS])), ("across", tilted(2.0))):
+        contacts, points = flat_pair(1, move, move, recovery=1.0), flat_vane() + move
+        x = np.stack([guest_place(points, c["row"], c["point"], c["fraction"]) for c in contacts])
         away = x - contacts["place_start"]
         height = np.sign(away[:, 2]) * np.linalg.norm(away, axis=1)
         found[name] = contacts, contacts["thickness"] - contacts["side"] * height
@@ -194,46 +212,19 @@ def test_where_vanes_cross_no_depth_has_to_be_taken_back():
     assert np.allclose(contacts["spared"][deep], depth[deep], rtol=0.02)
 
 
-def flat_pair(order, start, ahead, memory=None):
-    """Contacts of a vane (m, from flat over a host that it lies in) with that host, in motion.
-
-    memory: whether all its points were above the host."""
-    model, state = free_feathers("body_contour", np.zeros((2, 3)), rows=7, columns=3)
-    grids = grids_of([model])
-    surfaces = surfaces_of([model], grids, [0.5 * THICKNESS] * 2)
-    candidates = Candidates(np.array([(0, 1)]), np.array([order]), np.zeros(1))
-    poses = [grids.together([state.points.nodes]) for _ in range(2)]
-    for pose, move in zip(poses, (start, ahead), strict=True):
-        pose[0] += move
-    known = no_memory(surfaces)
-    if memory:
-        key = np.arange(known.wall[0].size)
-        known = known._replace(
-            key=key, force=np.zeros((len(key), 2)), side=np.ones(len(key), dtype=np.int8)
-        )
-    bodies = moving_bodies(*poses, np.ones(poses[0].shape[:3]))
-    margins = np.full(2, MARGIN)
-    search = SearchSettings(surfaces, bodies, known, margins, MARGIN, 1e-6, WALL_FIT, True)
-    return Searcher(candidates, surfaces).find(search).contacts
-
-
 def test_what_comes_around_a_rim_without_an_order_keeps_no_side():
     below = np.array([0.0, 0.0, -10.0 * THICKNESS])
     beside = below + np.array([0.0, 0.05, 0.0])
-    pressed = flat_pair(0, below, below, memory=True)
+    pressed = flat_pair(0, below, below, above=True)
     assert len(pressed) >= 20
     assert pressed["spared"].min() > 8.0 * THICKNESS
-    around = flat_pair(0, beside, below, memory=True)
+    around = flat_pair(0, beside, below, above=True)
     assert len(around) < 0.5 * len(pressed)
     assert around["spared"].max() < THICKNESS
 
 
 def test_what_comes_from_beside_to_where_rims_cross_begins_with_no_depth():
-    _, state = free_feathers("body_contour", np.zeros((2, 3)), rows=7, columns=3)
-    flat = state.points.nodes[0]
-    middle, tilt = flat.mean(axis=(0, 1)), Rotation.from_euler("x", 6.0, degrees=True)
-    across = middle + (flat - middle) @ tilt.as_matrix() - flat
-    contacts = flat_pair(1, across + np.array([0.0, 2e-3, 0.0]), across)
+    contacts = flat_pair(1, tilted(6.0) + np.array([0.0, 2e-3, 0.0]), tilted(6.0))
     assert set(contacts["side"]) == {-1, 1}
     # below planes that it was beside
     assert contacts["thickness"].min() < -2.0 * THICKNESS
