@@ -65,7 +65,7 @@ def _export(groom_path: str | Path, output: str | Path, options: GroomOptions) -
         as_written,
         lambda: read_quality(options.quality, options.preset_folders),
         lambda: check_output(output, options.overwrite, options.layout),
-        lambda: check_ranges(options, "bake"),
+        lambda: check_ranges(options),
     )
     for key in ("barbs", "textures"):
         if options.instances and getattr(options, key):

@@ -193,7 +193,7 @@ def _checked(
         lambda: read_quality(options.quality, options.preset_folders) if options.quality else None,
         lambda: checked(output) if output is not None else None,
         lambda: check_report(options.report, True),
-        lambda: check_ranges(options, "bake"),
+        lambda: check_ranges(options),
     )
     target = Path(output) if output is not None else default_output(shot)
     path = path or checked(target)

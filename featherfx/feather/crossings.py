@@ -235,8 +235,7 @@ def near_patches(order, axis, clusters, bounds, low, high, found):
                 break
             if clusters.owner[first] == clusters.owner[second]:
                 continue
-            asked = clusters.asked[first] or clusters.asked[second]
-            if not asked or not _meet(around[first], around[second]):
+            if not _meet(around[first], around[second]):
                 continue
             for p in range(starts[first], starts[first + 1]):
                 if not _meet(bounds[p], around[second]):
@@ -318,12 +317,11 @@ class TrianglePatches(NamedTuple):
 
 class PatchClusters(NamedTuple):
     """C runs of patches of one owner each. first: (C + 1,) first patch, owner: (C,), around: (C, 6)
-    box, asked: (C,) whether its crossings are asked for."""
+    box."""
 
     first: Indices
     owner: Indices
     around: Array
-    asked: Flags
 
 
 class Intersections(NamedTuple):
@@ -377,12 +375,9 @@ def _cut(middles: Array, some: Indices) -> Iterator[Indices]:
         yield from _cut(middles, half)
 
 
-def find_intersections(
-    points: Array, patches: TrianglePatches, jobs: int = 1, asked: Flags | None = None
-) -> Intersections:
-    """Crossings of all meshes. points: (V, 3) m or any unit, of all of them. asked: (F,) feathers
-    with which others' crossings are looked for; None: all."""
-    pairs, counts, _ = _crossed_patches(points, patches, jobs, asked)
+def find_intersections(points: Array, patches: TrianglePatches, jobs: int = 1) -> Intersections:
+    """Crossings of all meshes. points: (V, 3) m or any unit, of all of them."""
+    pairs, counts, _ = _crossed_patches(points, patches, jobs)
     owners = np.sort(patches.owner[pairs], axis=1)
     each, place = np.unique(owners, axis=0, return_inverse=True)
     vanes, rachises = (
@@ -394,7 +389,7 @@ def find_intersections(
 def crossed_triangles(points: Array, patches: TrianglePatches) -> Flags:
     """(T,) whether each triangle of the patches, in their order, passes through one of another
     mesh, neither of them of a rachis. points: as of find_intersections."""
-    near, counts, boxes = _crossed_patches(points, patches, 1, None)
+    near, counts, boxes = _crossed_patches(points, patches, 1)
     count = len(patches.triangles)
     single = TrianglePatches(
         patches.triangles,
@@ -417,7 +412,7 @@ def crossed_triangles(points: Array, patches: TrianglePatches) -> Flags:
 
 
 def _crossed_patches(
-    points: Array, patches: TrianglePatches, jobs: int, asked: Flags | None
+    points: Array, patches: TrianglePatches, jobs: int
 ) -> tuple[Indices, Indices, Array]:
     """(K, 2) patches of different owners that cross, (K, 2) how often, as of crossings_between, and
     boxes (T, 6) of all triangles."""
@@ -425,7 +420,7 @@ def _crossed_patches(
     boxes, bounds = np.empty((len(patches.triangles), 6)), np.empty((count, 6))
     with ThreadPoolExecutor(jobs) as pool:
         _in_pieces(pool, count, jobs, lambda a, b: fit_boxes(points, patches, boxes, bounds, a, b))
-        clusters = _clusters(patches.owner, bounds, asked)
+        clusters = _clusters(patches.owner, bounds)
         search = _search(bounds, clusters)
 
         def look(low: int, high: int) -> tuple[Indices, Indices]:
@@ -440,7 +435,7 @@ def _crossed_patches(
     return pairs, counts, boxes
 
 
-def _clusters(owner: Indices, bounds: Array, asked: Flags | None) -> PatchClusters:
+def _clusters(owner: Indices, bounds: Array) -> PatchClusters:
     """Patches of one owner that follow each other, a few at a time."""
     begin = np.flatnonzero(np.diff(owner, prepend=owner[0] - 1))
     within = np.arange(len(owner)) - np.repeat(begin, np.diff(begin, append=len(owner)))
@@ -449,9 +444,7 @@ def _clusters(owner: Indices, bounds: Array, asked: Flags | None) -> PatchCluste
         [np.minimum.reduceat(bounds[:, :3], first), np.maximum.reduceat(bounds[:, 3:], first)],
         axis=1,
     )
-    whose = owner[first]
-    wanted = np.ones(len(first), dtype=np.bool_) if asked is None else asked[whose]
-    return PatchClusters(np.append(first, len(owner)), whose, around, wanted)
+    return PatchClusters(np.append(first, len(owner)), owner[first], around)
 
 
 def _search(bounds: Array, clusters: PatchClusters) -> Callable[[int, int], Indices]:

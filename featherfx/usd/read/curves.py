@@ -259,13 +259,13 @@ class CurveElement:
             return ""
         return "" if value is None else str(value)
 
-    def positive(self, what: str, fallback: float) -> float:
-        value = self.get(what)
+    def scale(self) -> float:
+        value = self.get("scale")
         if value is None:
-            return fallback
+            return 1.0
         if not isinstance(value, int | float) or not np.isfinite(value) or not value > 0.0:
-            self.values.fail(what, f"is {describe_value(value)}, expects a number above 0")
-            return fallback
+            self.values.fail("scale", f"is {describe_value(value)}, expects a number above 0")
+            return 1.0
         return float(value)
 
     def vector(self, what: str, size: int) -> Array | None:

@@ -177,7 +177,7 @@ def _drawn_feather(
     def text(what: str) -> str:
         return next((found for each in sources if (found := each.text(what))), "")
 
-    scale = math.prod(each.positive("scale", 1.0) for each in sources)
+    scale = math.prod(each.scale() for each in sources)
     barbs = curve.barbs
     if barbs is not None:
         sides = [transform_points(side, matrix) for side in (barbs.left, barbs.right)]
@@ -308,7 +308,7 @@ def _instanced(
         points=matrix[None, 3, :3],
         direction=matrix[0, :3],
         up=matrix[2, :3],
-        scale=size * own.positive("scale", 1.0),
+        scale=size * own.scale(),
         mirrored=bool(np.linalg.det(matrix[:3, :3]) < 0.0),
         skin=own.text("skin"),
         skin_uv=skin_uv,

@@ -112,8 +112,8 @@ class WriteOptions(StageOptions):
         return self.form == MESH_FORM and self.rates == "full"
 
 
-def check_ranges(options: StageOptions, source: str) -> None:
-    """Raise InputError for every number out of range. source: of the problems."""
+def check_ranges(options: StageOptions) -> None:
+    """Raise InputError for every number out of range."""
     problems = []
     for each in fields(options):
         value = getattr(options, each.name)
@@ -121,5 +121,5 @@ def check_ranges(options: StageOptions, source: str) -> None:
         if value is None or least is None or least <= value <= (value if most is None else most):
             continue
         allowed = f"at least {least}" if most is None else f"{least} to {most}"
-        problems.append(Problem(source, each.name, f"{value} is not allowed. Give {allowed}"))
+        problems.append(Problem("bake", each.name, f"{value} is not allowed. Give {allowed}"))
     require(*problems)
