@@ -61,7 +61,6 @@ def entries_of(
             region=placement.region,
             feather=feather,
             rest_points=place(feather.rest, placement.position, placement.rotation),
-            static=False,
             root=None if skin is None else skin.roots[index],
             barb_widths=barb_diameters(
                 placement.kind, np.linspace(0.0, 1.0, feather.columns + 1)[1:]
