@@ -44,7 +44,7 @@ _BUILDING_BARB_BYTES, _BARB_BYTES, _BARBULE_BYTES = 32_000, 10_000, 400
 
 
 def entries_of(
-    groom: Groom, feathers: Sequence[Feather], skin: BoundSkin | None = None
+    groom: Groom, feathers: Sequence[Feather], static: bool, skin: BoundSkin | None = None
 ) -> list[FeatherEntry]:
     """Make the entry of every feather of a groom."""
     coloured, shading = _coloured(groom), _shading(groom)
@@ -53,7 +53,7 @@ def entries_of(
     held: dict[tuple[int, bool], Array | None] = {}
     for shape, placement, feather in zip(shapes, groom.feathers, feathers, strict=True):
         if (key := (id(shape[0]), shape[1])) not in held:
-            held[key] = _held(placement.kind, feather)
+            held[key] = _held(placement.kind, feather, static)
     return [
         FeatherEntry(
             id=placement.id,
@@ -61,6 +61,7 @@ def entries_of(
             region=placement.region,
             feather=feather,
             rest_points=place(feather.rest, placement.position, placement.rotation),
+            static=static,
             root=None if skin is None else skin.roots[index],
             barb_widths=barb_diameters(
                 placement.kind, np.linspace(0.0, 1.0, feather.columns + 1)[1:]
@@ -68,7 +69,7 @@ def entries_of(
             vane_stiffness=_vane_stiffness(placement.kind),
             stiffened=_stiffened(placement.kind, feather),
             held=held[id(shape[0]), shape[1]],
-            hooked=may_slip(placement.kind),
+            hooked=not static and may_slip(placement.kind),
             colours=_colour(placement, feather, None, shading) if coloured else None,
             shape=shape,
             look=look_text(placement.kind.drawn_look),
@@ -195,10 +196,19 @@ def _vane_stiffness(kind: FeatherKind) -> tuple[float, float]:
     return vane.thickness * vane.modulus_across_barbs, vane.thickness * vane.shear_modulus
 
 
-def _held(kind: FeatherKind, feather: Feather) -> Array | None:
-    """(T,) share of hooked barbules at each triangle; None where all are hooked."""
+def _held(kind: FeatherKind, feather: Feather, static: bool) -> Array | None:
+    """(T,) share of hooked barbules at each triangle; None where all are hooked.
+
+    static: whether splits stay open.
+    """
     loose = any((*vane.hooked.rachis, *vane.hooked.barb) for vane in (kind.leading, kind.trailing))
-    return _on_faces(feather, hooked_fraction(kind, feather)) if loose else None
+    split = static and feather.split.size > 0
+    if not loose and not split:
+        return None
+    fractions = hooked_fraction(kind, feather)
+    if split:
+        fractions = np.where(feather.split, 0.0, fractions)
+    return _on_faces(feather, fractions)
 
 
 def _stiffened(kind: FeatherKind, feather: Feather) -> Array | None:
@@ -257,7 +267,7 @@ def drawn_entries(
                         groom.feathers, fine, coarse, built, strict=True
                     )
                 ]
-    entries = entries_of(groom, [feather for feather, _ in built], skin)
+    entries = entries_of(groom, [feather for feather, _ in built], static=False, skin=skin)
     for index, (placement, wet) in enumerate(
         zip(groom.feathers, last_fitting(wets, groom.feathers), strict=True)
     ):

@@ -162,7 +162,7 @@ def bake_cost(
     frames = shot.last_frame - shot.first_frame + 1 + 2 * shot.handles
     total = len(shot.groom.feathers)
     learnt = expected(resolved, jobs, until, budget)
-    entries = entries_of(shot.groom, drawn, skin=shot.skin)
+    entries = entries_of(shot.groom, drawn, static=False, skin=shot.skin)
     sample = sum(feather.bytes_per_sample for feather in make_posed_feathers(entries, StageSpace()))
     # frames of a chunk that the trial did not have
     chunk = min(

@@ -276,7 +276,7 @@ class Live:
         groom = replace(made.shot.groom, feathers=tuple(some_of(made.shot, self._source.feathers)))
         path = self._source.folder / "live.usdc"
         path.unlink(missing_ok=True)
-        entries = entries_of(groom, made.simulation.feathers)
+        entries = entries_of(groom, made.simulation.feathers, static=False)
         with CacheWriter(path, entries, (1, 1), made.shot.frames_per_second) as writer:
             writer.write(replace(frame, number=1.0, poses=tuple(map(_at_rest, frame.poses))))
         played = Played(path, 1 << 62)

@@ -55,7 +55,7 @@ def caches(tmp_path_factory):
     """Wing feathers that swing as rigid ones, in every form."""
     groom = featherfx.read_groom(SAMPLES / "swan_wing/groom.toml")
     groom = replace(groom, feathers=groom.feathers[::9])
-    entries = entries_of(groom, build_feathers(groom.feathers, 11, 4))
+    entries = entries_of(groom, build_feathers(groom.feathers, 11, 4), static=False)
     folder, made = tmp_path_factory.mktemp("judged"), {}
     for name, options in FORMS.items():
         made[name] = folder / f"{name}.usdc"

@@ -38,7 +38,7 @@ def entries():
     groom = featherfx.read_groom(SAMPLES / "swan_wing/groom.toml")
     chosen = replace(groom, feathers=groom.feathers[::6])
     assert {each.mirrored for each in chosen.feathers} == {True, False}
-    return entries_of(chosen, build_feathers(chosen.feathers, *GRID))
+    return entries_of(chosen, build_feathers(chosen.feathers, *GRID), static=False)
 
 
 def bent(rest: RowPoints, number: int) -> RowPoints:
@@ -234,7 +234,7 @@ def drawn(tmp_path_factory):
     quality = replace(featherfx.read_quality("draft"), rows=GRID[0], columns=GRID[1])
     names = [each.id for each in chosen.feathers]
     options = DrawnOptions(render_rows=47, render_columns=9, barbs=30)
-    coarse = entries_of(chosen, build_feathers(chosen.feathers, *GRID))
+    coarse = entries_of(chosen, build_feathers(chosen.feathers, *GRID), static=False)
     return coarse, drawn_entries(chosen, quality, options, names, None)
 
 
