@@ -163,18 +163,20 @@ def folded(points, time):
     return np.stack([x, points[:, 1] + 0.03 * np.sin(3.0 * angle), z], axis=1)
 
 
+def nodes_folded(parts, time):
+    """Nodes at a time of the folded sheet."""
+    position = np.array([each.position for each in parts[0]])
+    ahead = (position[:, 0] > 0.0)[:, None]
+    turn = vectors_to_frames(np.radians(160.0) * time * ahead * [0.0, -1.0, 0.0])
+    rotations = turn @ np.array([each.rotation for each in parts[0]])
+    return drawn_at(parts, time, (folded(position, time), rotations))[0].nodes
+
+
 def jumps(parts, times):
     """Largest second differences of points between times, over the lengths of feathers (F,)."""
-    placements = parts[0]
-    position = np.array([each.position for each in placements])
-    ahead, size = position[:, 0] > 0.0, np.array([each.kind.length for each in placements])
-    posed = []
-    for time in times:
-        turn = vectors_to_frames(np.radians(160.0) * time * ahead[:, None] * [0.0, -1.0, 0.0])
-        rotations = turn @ np.array([each.rotation for each in placements])
-        posed.append(drawn_at(parts, time, (folded(position, time), rotations))[0].nodes)
+    posed = [nodes_folded(parts, time) for time in times]
     away = np.linalg.norm(np.diff(posed, 2, axis=0), axis=-1).max(axis=(0, 2, 3))
-    return away / size
+    return away / [each.kind.length for each in parts[0]]
 
 
 def test_feathers_bridge_a_crease_without_a_jump():
@@ -188,6 +190,12 @@ def test_feathers_bridge_a_crease_without_a_jump():
     far = np.array([not -0.3 < each.position[0] < 0.05 for each in parts[0]])
     assert far.any()
     assert not shares[far].any()
+    # those that the other half, at 80 degrees, folds onto lean on it; the crease itself is round
+    behind = np.array([each.position[0] < -0.03 for each in parts[0]])
+    x, _, z = np.moveaxis(nodes_folded(parts, 0.5)[behind], -1, 0)
+    angle = np.degrees(np.arctan2(z, x))[np.hypot(x, z) > 0.03]
+    assert (angle[(angle > -90.0) & (angle < 90.0)] > 65.0).all()
+    assert shares[behind].max() == 1.0
 
 
 def heights(points: RowPoints, time: float) -> np.ndarray:

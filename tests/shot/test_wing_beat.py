@@ -278,15 +278,17 @@ def test_motions_too_fast_for_the_frames_are_told(tmp_path, motion, told):
         read(tmp_path, motion)
 
 
-def roots_at(groom, turns=(), folds=()):
-    """Root frames of an open wing whose joints turn (name, rotation) and fold (name, whole folds)
-    on top."""
+def roots_at(groom, turns=(), folds=(), bends=()):
+    """Root frames of an open wing whose joints turn (name, rotation), and fold and bend (name,
+    whole folds) on top."""
     skeleton = skeleton_of(groom)
     poses = opened_poses(groom)
     for name, turn in turns:
         poses.rotations[skeleton.names.index(name)] = turn
     for name, fold in folds:
         poses.folds[skeleton.names.index(name)] += fold
+    for name, bend in bends:
+        poses.bends[skeleton.names.index(name)] = bend
     return joint_roots(groom, skeleton, lambda _: poses).frames(0.0)
 
 
@@ -320,8 +322,10 @@ def test_feathers_of_the_upper_arm_close_the_way_from_body_to_wing_as_it_beats(t
     np.testing.assert_allclose(np.linalg.norm(rotation_vectors(turns), axis=1), np.pi / 3.0)
 
 
+@pytest.mark.parametrize("by", ["folds", "bends"])
 @pytest.mark.parametrize("folded", [("elbow", "wrist"), ("shoulder", "elbow", "wrist")])
-def test_wings_bow_round_a_body_only_where_their_upper_arms_lie_on_it(tmp_path, folded):
+def test_wings_bow_round_a_body_only_where_they_fold_and_upper_arms_lie_on_it(tmp_path, folded, by):
+    """A beat, which bends them as far for a moment, would throw their feathers."""
     found = []
     for bow in (0, 25):
         wing = BIRD.replace('type = "sparrow"', f'type = {{ base = "parrot", bow = {bow} }}')
@@ -329,9 +333,9 @@ def test_wings_bow_round_a_body_only_where_their_upper_arms_lie_on_it(tmp_path, 
         (tmp_path / "shot.toml").write_text(SHOT + 'kind = "hold"')
         groom = read_shot(tmp_path / "shot.toml").groom
         arm = arm_of(groom)
-        found.append(roots_at(groom, folds=[(arm[role], 1.0) for role in folded]).positions)
+        found.append(roots_at(groom, **{by: [(arm[role], 1.0) for role in folded]}).positions)
     away = np.abs(found[1] - found[0]).max()
-    assert (away > 1e-3) == ("shoulder" in folded)
+    assert (away > 1e-3) == ("shoulder" in folded and by == "folds")
 
 
 def test_a_wing_stands_off_its_shoulder_by_as_much_of_the_offset_as_it_is_folded(tmp_path):

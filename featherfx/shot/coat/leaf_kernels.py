@@ -253,22 +253,39 @@ def find_folds(carrier, leaves, rest, room, folds, low, high):
 
 
 @kernel
-def _from_rows(vector, rotation):
-    """A vector turned by a matrix (3, 3)."""
-    return dot(rotation[0], vector), dot(rotation[1], vector), dot(rotation[2], vector)
+def _column(matrix, k):
+    return matrix[0, k], matrix[1, k], matrix[2, k]
+
+
+@kernel
+def _find_rise(images, nodes, start, axes):
+    """Angle (rad) by which a rachis (n, 1 + 2 m, 3), m, turns up about its root so that none of it
+    is below its images."""
+    rise = 0.0
+    for i in range(1, nodes.shape[0]):
+        x, y, z = _seen(sub(images[i, 0], start), axes)
+        u, v, w = nodes[i, 0, 0], nodes[i, 0, 1], nodes[i, 0, 2]
+        rise = max(rise, atan2(z, sqrt(x * x + y * y)) - atan2(w, sqrt(u * u + v * v)))
+    return rise
 
 
 @kernel
 def _bridge(carried, f, room):
-    """Bring images nearer to where the root carries them."""
-    share, start, axes = carried.shares[f], carried.positions[f], carried.rotations[f]
+    """Bring images nearer to where the root carries them, and turns them up over what has folded
+    towards them."""
+    share, start, turn = carried.shares[f], carried.positions[f], carried.rotations[f]
     if share <= 0.0:
         return
+    start = start[0], start[1], start[2]
+    x, y, z = _column(turn, 0), _column(turn, 1), _column(turn, 2)
+    rise = _find_rise(room.image, carried.nodes[f], start, (x, y, z))
+    c, s = cos(rise), sin(rise)
+    axes = combined(c, x, s, z), y, combined(c, z, -s, x)
     for i in range(room.image.shape[0]):
         for j in range(room.image.shape[1]):
-            there = add((start[0], start[1], start[2]), _from_rows(carried.nodes[f, i, j], axes))
+            there = add(start, _from_axes(carried.nodes[f, i, j], axes))
             store(room.image[i, j], combined(1.0 - share, room.image[i, j], share, there))
-        own = _from_rows(carried.directors[f, i, 1], axes)
+        own = _from_axes(carried.directors[f, i, 1], axes)
         store(room.up[i], unit(combined(1.0 - share, room.up[i], share, own)))
 
 

@@ -194,7 +194,7 @@ class JointRoots:
         positions += applied(turns, self.at_rest.positions - self.anchors)
         found = RootFrames(positions, turns @ self.at_rest.rotations)
         if self.bows is not None:
-            turned = self.skeleton.turned(poses)
+            turned = self.skeleton.turned(poses._replace(bends=0.0 * poses.bends))
             found = self.bows.bent(found, self.at_rest, turned, rotations, self.are_beaten)
         if self.arms is not None and self.are_beaten:
             found = self.arms.less_beaten(found, poses.rotations, rotations, shifts)

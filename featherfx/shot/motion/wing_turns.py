@@ -57,8 +57,8 @@ class Bows:
         self, roots: RootFrames, at_rest: RootFrames, turned: Array, rotations: Array, beaten: bool
     ) -> RootFrames:
         """Roots of flat wings, bent as those of joints that are turned, (J, 3, 3), against their
-        parents. at_rest: roots of flat wings. rotations: (J, 3, 3) of carriers. beaten: whether
-        upper arms count."""
+        parents, but for what beats bend. at_rest: roots of flat wings. rotations: (J, 3, 3) of
+        carriers. beaten: whether upper arms count."""
         whole = np.maximum(np.linalg.norm(self.hinges, axis=1), 1e-12)
         folds = self.folds + dots(rotation_vectors(turned), self.hinges) / whole**2
         rest, fraction = (np.maximum(each, 0.0)[self.joints] for each in (self.folds, folds))
