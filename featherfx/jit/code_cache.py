@@ -125,7 +125,9 @@ def _find_imports(source: Path) -> frozenset[Path]:
         # _COMPILER stands for the decorators
         if name != b"jit.compiled":
             place = ROOT / name.decode().replace(".", "/")
-            found |= _find_imports(place / "__init__.py" if place.is_dir() else Path(f"{place}.py"))
+            # a folder of that name may be left of an earlier version
+            file = Path(f"{place}.py")
+            found |= _find_imports(file if file.is_file() else place / "__init__.py")
     return frozenset(found)
 
 

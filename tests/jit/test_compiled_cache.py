@@ -52,6 +52,15 @@ def test_what_a_kernel_is_made_of_counts(folder_after_change, changed):
     assert before != after
 
 
+def test_a_folder_that_is_left_of_an_earlier_version_does_not_count(tmp_path, monkeypatch):
+    monkeypatch.setattr(code_cache, "ROOT", tmp_path)
+    (tmp_path / "loads").mkdir()
+    (tmp_path / "loads.py").write_text("")
+    source = tmp_path / "step_kernels.py"
+    source.write_text("from featherfx.loads import push\n")
+    assert code_cache._find_imports(source) == {source, tmp_path / "loads.py"}
+
+
 @pytest.mark.parametrize("changed", ["algebra/thread_team.py", "algebra/views.py"])
 def test_how_threads_meet_and_what_views_are_counts_where_kernels_call_it(
     folder_after_change, changed
