@@ -3,10 +3,10 @@
 A field over the skin answers both. The stacking coordinate phi (m) grows along the flow of the
 feathers; a feather has the value p at its follicle. Its leaf is the surface at the height
 
-    h(x; p) = T(x) (d + g(s)) + a(x) w(s),      s = (phi(x) - p) / q(x)
+    h(x; p) = T(x) (d + s) + a(x) w(s),      s = (phi(x) - p) / q(x)
 
 over the carrier, a smoothed skin. T (m) is the thickness of the coat, q (m) the gain of phi over a
-feather's length, d a layer of down, a (m) a lift; g and w grow with s. At one place a feather that
+feather's length, d a layer of down, a (m) a lift; w grows with s. At one place a feather that
 starts upstream lies higher, so leaves of different p never meet. Feathers are drawn on their leaves
 in their own plane form, rachis and barbs exactly as long as in it.
 

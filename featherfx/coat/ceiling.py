@@ -4,9 +4,9 @@ where the skin is hollow.
 With y the points of these feathers, over their feet x on the carrier by heights H, there is room at
 x' for a rise of
 
-    (min (0.8 H + m |x' - x|) - T (d + g) - a w) / v,    |x' - x| along edges of the skin
+    (min (0.8 H + m |x' - x|) - T (d + s) - a w) / v,    |x' - x| along edges of the skin
 
-with g, w and v at the greatest s of the leaves there.
+with w and v at the greatest s of the leaves there.
 Ways n from a hollow skin meet at the height H where det (1 + H grad n) = 0.
 """
 
@@ -57,8 +57,7 @@ def find_ceiling(coat: Coat, above: Array, reach: Array, ways: Array) -> Array:
             np.minimum.at(found, own, _FILLED_RATIO * height[near] + _SLOPE * away)
     floor = -2.0 * _MAX_HEIGHT * fields.length
     found = -spread_heights(rest.points, faces, -found, _SLOPE, floor)
-    filled = DOWN_SHARE + np.expm1(-fields.steepness * reach) / np.expm1(-fields.steepness)
-    room = found - filled * fields.thickness - fields.lift * reach**2
+    room = found - (DOWN_SHARE + reach) * fields.thickness - fields.lift * reach**2
     return np.asarray(np.maximum(room, 0.0) * (reach + HINGE) / ((1.0 + HINGE) * reach**2))
 
 

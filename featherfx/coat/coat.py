@@ -40,7 +40,6 @@ from featherfx.coat.leaf_kernels import (
 from featherfx.coat.ties import (
     Overlaps,
     StackedLeaves,
-    find_gaps,
     find_overlaps,
     find_roll_rooms,
     fit_ties,
@@ -51,8 +50,6 @@ from featherfx.files.process import count_cores
 
 # agreement of headings below which the flow counts as singular
 _MIN_STRENGTH = 0.3
-# share of the curvature's sagitta that gaps make room for: chords of neighbours are bent alike
-_SAGITTA_SHARE = 0.5
 # of the thickness of a coat, that it may be pressed down by
 _PRESSED_SHARE = 0.15
 _FEATHERS_AT_ONCE = 256  # that a thread draws
@@ -108,7 +105,7 @@ class Coat:
         up = own.lift + np.maximum(bent, 0.0), np.maximum(raised, 0.0)
         points = carrier.points - DOWN_SHARE * pressed[:, None] * carrier.normals[:, :3]
         heights = own.thickness + pressed, *up
-        columns = *heights, own.phi, own.gain, own.steepness, np.zeros(len(points))
+        columns = *heights, own.phi, own.gain, *np.zeros((2, len(points)))
         return CarrierArrays(
             vertices=np.column_stack([points, carrier.normals, *columns]),
             faces=mesh.faces,
@@ -142,7 +139,7 @@ def grow_coat(
     normals = unit(follicles.corners(mesh, rest.normals[:, :3]))
     mean, tilts = average_follicles(rest.elements, faces, follicles), find_tilts(follicles, normals)
     follicles = follicles._replace(heading=find_headings(mesh, follicles, normals, mean))
-    fields = make_fields(mesh, follicles, mean, tilts[:, 0], spacing)
+    fields = make_fields(rest, faces, follicles, mean, tilts[:, 0], spacing)
     tilts[:, 0] -= follicles.corners(mesh, fields.rise)
     own = _by_sides(rest, mesh, follicles, follicles.heading)
     values = follicles.corners(mesh, fields.phi)
@@ -174,38 +171,25 @@ class StackReport:
 
 def stack(coat: Coat, footprints: PlaneForms) -> tuple[Coat, StackReport]:
     """Keep leaves that overlap a gap apart. footprints: of all feathers, on a coarse grid."""
-    fields, faces = coat.fields, coat.mesh.faces
     drawn = draw(replace(coat, deviations=0.0 * coat.deviations), coat.rest, footprints)
-    overlaps = find_overlaps(drawn, footprints.sunk > 0.0, fields.length[faces].mean(axis=1))
-    vertex = faces[coat.follicles.triangle, coat.follicles.place.argmax(axis=1)]
-    sagitta = _SAGITTA_SHARE * _find_bends(coat) * footprints.steps.max(axis=1) ** 2 / 8.0
-    gaps = find_gaps(fields, vertex, overlaps, sagitta)
-    gain = coat.follicles.corners(coat.mesh, fields.gain)
-    found = fit_ties(coat.values, gain, gaps, overlaps)
+    overlaps = find_overlaps(drawn, footprints.sunk > 0.0, coat.fields, coat.mesh.faces)
+    gain = coat.follicles.corners(coat.mesh, coat.fields.gain)
+    found = fit_ties(coat.values, gain, overlaps)
     stacked = _deviate(replace(coat, values=found.values), overlaps)
     cut = np.abs(coat.deviations - stacked.deviations)
-    report = StackReport(len(gaps), found.shares, cut)
+    report = StackReport(len(overlaps.pairs), found.shares, cut)
     return replace(stacked, depths=_find_depths(stacked)), report
 
 
 def _deviate(coat: Coat, overlaps: Overlaps) -> Coat:
     """The coat, stacked, with deviations from its leaves as far as these leave room."""
     own, fields = coat.follicles, coat.fields
-    columns = fields.gain, fields.thickness, fields.steepness
+    columns = fields.gain, fields.thickness
     leaves = StackedLeaves(coat.values, *(own.corners(coat.mesh, each) for each in columns))
     lift, roll = coat.deviations.T
     rooms = find_roll_rooms(own.width, leaves, overlaps)
     found = limit_lifts(lift, leaves, overlaps), np.clip(roll, -rooms, rooms)
     return replace(coat, deviations=np.stack(found, axis=1), rooms=rooms)
-
-
-def _find_bends(coat: Coat) -> Array:
-    """Return (F,) 1/m, curvature of the carrier at the follicles."""
-    triangle = coat.follicles.triangle
-    normals = coat.rest.normals[coat.mesh.faces[triangle], :3]
-    hats = coat.rest.elements.gradients[triangle]
-    shape = np.einsum("fki,fkj->fij", hats, normals)
-    return np.asarray(np.linalg.norm(shape, axis=(1, 2), ord=2))
 
 
 def draw(

@@ -31,7 +31,7 @@ from featherfx.algebra.surface_elements import (
 )
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots, unit
-from featherfx.coat.carrier import CoatMesh, make_mesh
+from featherfx.coat.carrier import Carrier, CoatMesh, make_mesh
 
 # of the length of the feathers: reach of means over the skin, and of the smoothing of the carrier
 _MEAN_REACH, _CARRIER_REACH = 1.0, 0.2
@@ -45,14 +45,14 @@ _MIN_WEIGHT, _HOLD = 1e-3, 1e-9
 _USUAL_RISE = 0.26
 # least growth of phi along the flow of feathers
 MIN_PACE = 0.2
-# steepness of leaves towards their tips: where the coat is sparse, and where it is dense
-_STEEPNESS, _DENSE_STEEPNESS = 1.0, 0.5
-# levels of leaves in use, of those that there are room for, from which on a coat is dense
-_CROWDED = 0.4
-# of the gap of a sparse coat, down to which a dense one is as thick; of its thickness, at most
-_TIGHTEST, _THICKEST = 0.8, 1.6
-# of the greatest, density far from all places, and least levels in use
-_FAR_DENSITY, _MIN_LEVELS = 1e-9, 1e-12
+# of its length, an edge of a drawn vane, whose sagitta neighbours make room for
+_EDGE = 0.1
+# of a coat's thickness, that gaps of the feathers over a place may fill
+_FILLED = 0.35
+# of the thickness that is asked for, that of the thinnest coat and of the thickest
+_THINNEST, _THICKEST = 0.75, 1.2
+# of the greatest, density far from all places
+_FAR_DENSITY = 1e-9
 
 
 class CoatSpacing(NamedTuple):
@@ -95,9 +95,8 @@ class Follicles(NamedTuple):
 class Fields(NamedTuple):
     """Fields at the V vertices of a skin.
 
-    phi, gain, thickness, lift, rise, length: m. steepness: k of leaves. gap: in feather lengths.
-    strength: (T,) 0 to 1, how well headings around agree. growth: (F,) of phi along the heading at
-    each follicle.
+    phi, gain, thickness, lift, rise, length: m. gap: (T,) m, between leaves. strength: (T,) 0 to 1,
+    how well headings around agree. growth: (F,) of phi along the heading at each follicle.
     """
 
     phi: Array
@@ -105,7 +104,6 @@ class Fields(NamedTuple):
     thickness: Array
     lift: Array
     rise: Array
-    steepness: Array
     gap: Array
     length: Array
     strength: Array
@@ -187,11 +185,16 @@ def average_follicles(
 
 
 def make_fields(
-    mesh: CoatMesh, follicles: Follicles, mean: SkinMeans, rise: Array, spacing: CoatSpacing
+    carrier: Carrier,
+    faces: Indices,
+    follicles: Follicles,
+    mean: SkinMeans,
+    rise: Array,
+    spacing: CoatSpacing,
 ) -> Fields:
-    """Solve for the fields of a coat on its skin at rest. follicles: with headings that agree.
+    """Solve for the fields of a coat on its carrier at rest. follicles: with headings that agree.
     rise: (F,) m, of tips by the tilts of roots."""
-    faces, elements = mesh.faces, mean.elements
+    elements = carrier.elements
     length, rise = mean(np.stack([follicles.length, rise], axis=1)).T
     heading = follicles.heading
     flow = mean(heading)[faces].mean(axis=1)
@@ -202,15 +205,17 @@ def make_fields(
     slope = np.einsum("tki,tk->ti", elements.gradients, phi[faces])[follicles.triangle]
     growth = dots(slope, heading)
     pace = np.maximum(mean(dots(slope, flow[follicles.triangle])), MIN_PACE)
-    capacity = _find_capacity(length, mean(follicles.width), mean.density, spacing)
+    size = length[faces].mean(axis=1)
+    gap = spacing.gap * size + _find_bends(carrier, faces) * (_EDGE * size) ** 2 / 8.0
+    layers = mean.density * length * mean(follicles.width)
+    wanted = layers * _spread(gap, faces, mean) / (_FILLED * spacing.thickness * length)
     return Fields(
         phi=phi,
         gain=length * pace,
-        thickness=capacity.thickness * length,
+        thickness=spacing.thickness * length * np.clip(wanted, _THINNEST, _THICKEST),
         lift=np.maximum(rise - _USUAL_RISE * length, 0.0),
         rise=rise,
-        steepness=capacity.steepness,
-        gap=capacity.gap,
+        gap=gap,
         length=length,
         strength=strength,
         growth=growth,
@@ -233,31 +238,15 @@ def _solve_coordinate(
     return solve(np.bincount(faces.ravel(), right.ravel(), len(elements.masses)).astype(float))
 
 
-def slope_of_leaf(s: Array, steepness: Array) -> Array:
-    """Rate of g (leaf_kernels) by s."""
-    return np.asarray(steepness * np.exp(-steepness * np.maximum(s, 0.0)) / -np.expm1(-steepness))
+def _find_bends(carrier: Carrier, faces: Indices) -> Array:
+    """Return (T,) 1/m, the greatest curvature of a carrier."""
+    normals = carrier.normals[faces, :3]
+    shape = np.einsum("tki,tkj->tij", carrier.elements.gradients, normals)
+    return np.asarray(np.linalg.norm(shape, axis=(1, 2), ord=2))
 
 
-class _Capacity(NamedTuple):
-    """Steepness, and thickness and gap over the length of feathers, (V,) each."""
-
-    steepness: Array
-    thickness: Array
-    gap: Array
-
-
-def _find_capacity(length: Array, width: Array, density: Array, spacing: CoatSpacing) -> _Capacity:
-    """Find the steepness, thickness and gap with which leaves that overlap at a place have room.
-
-    A coat of n feathers a m^2, L long and W wide, needs L sqrt(n) (W sqrt(n) + 1) levels over a
-    length, and has T g'(1) / gap.
-    """
-    root = np.sqrt(density)
-    needed = length * root * (width * root + 1.0)
-    wanted = needed * spacing.gap / (_CROWDED * spacing.thickness)
-    crowded = np.clip(wanted / slope_of_leaf(np.ones(1), np.array([_STEEPNESS])) - 1.0, 0.0, 1.0)
-    steepness = _STEEPNESS + crowded * (_DENSE_STEEPNESS - _STEEPNESS)
-    room = slope_of_leaf(np.ones(len(root)), steepness) / np.maximum(wanted, _MIN_LEVELS)
-    thick = np.clip(_TIGHTEST / room, 1.0, _THICKEST)
-    gap = spacing.gap * np.minimum(1.0, thick * room)
-    return _Capacity(steepness, spacing.thickness * thick, gap)
+def _spread(values: Array, faces: Indices, mean: SkinMeans) -> Array:
+    """Means (V,) around of values (T,) of triangles."""
+    thirds = np.repeat(values * mean.elements.areas / 3.0, 3)
+    own = np.bincount(faces.ravel(), thirds, len(mean.density)) / mean.elements.masses
+    return mean.smooth(own[:, None])[:, 0]

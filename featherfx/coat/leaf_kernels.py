@@ -2,8 +2,7 @@
 
 Leaf of the stacking value p, with n the smoothed normal over the foot x:
 
-    y = x + h n,   h = T (d + g(s)) + (a + c) w(s) + r v(s),   s = (phi - p) / q
-    g = (1 - exp(-k s)) / (1 - exp(-k)) for s > 0, and straight on below
+    y = x + h n,   h = T (d + s) + (a + c) w(s) + r v(s),   s = (phi - p) / q
     w = s^2,   v = (1 + e) s^2 / (s + e) for s > 0
 
 r raises feathers about their roots, a bends them up, c lifts the feather's own tip. Its vane rolls
@@ -20,7 +19,7 @@ on through the air.
 
 from __future__ import annotations
 
-from math import cos, exp, sin, sqrt
+from math import cos, sin, sqrt
 from typing import NamedTuple
 
 from featherfx.algebra.types import Array, Indices
@@ -53,8 +52,8 @@ _NORMAL, _OWN_NORMAL, _HEIGHTS, _PHI = 3, 6, 9, 12
 class CarrierArrays(NamedTuple):
     """A carrier as kernels take it; shapes as of CoatMesh, Carrier and TriangleElements.
 
-    vertices: (V, 16) points (m), smoothed normals, those of the mesh, T, a and r (m), phi (m), q
-    (m) and k, and nothing.
+    vertices: (V, 16) points (m), smoothed normals, those of the mesh, T, a and r (m), phi and q
+    (m), and nothing.
     """
 
     vertices: Array
@@ -164,16 +163,6 @@ def trace(carrier, triangle, b, d, way):
 
 
 @kernel
-def _shape(s, k):
-    """g and its rate by s."""
-    c = 1.0 / (1.0 - exp(-k))
-    if s <= 0.0:
-        return c * k * s, c * k
-    falling = exp(-k * s)
-    return c * (1.0 - falling), c * k * falling
-
-
-@kernel
 def _raised_share(s):
     """v and its rate by s."""
     if s <= 0.0:
@@ -204,14 +193,13 @@ def _find_shares(carrier, triangle, b, leaf):
     """Shares of T, a and r in the height of a leaf (p, c) over a foot, c besides (m), s, and the
     rate of h by phi."""
     face = carrier.faces[triangle]
-    phi, gain, steepness = _mixed(b, carrier.vertices, face, _PHI)
+    phi, gain, _ = _mixed(b, carrier.vertices, face, _PHI)
     thickness, lift, rise = _mixed(b, carrier.vertices, face, _HEIGHTS)
     s, lift = (phi - leaf[0]) / gain, lift + leaf[1]
-    g, rate = _shape(s, steepness)
     ahead = max(s, 0.0)
     raised, raising = _raised_share(s)
-    by_phi = (thickness * rate + 2.0 * lift * ahead + rise * raising) / gain
-    return (DOWN_SHARE + g, ahead * ahead, raised), leaf[1] * ahead * ahead, s, by_phi
+    by_phi = (thickness + 2.0 * lift * ahead + rise * raising) / gain
+    return (DOWN_SHARE + s, ahead * ahead, raised), leaf[1] * ahead * ahead, s, by_phi
 
 
 @kernel

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from featherfx.jit.compiled import kernel
 
-_SHARE_BITS = 8  # of the share of its gaps that a feather gets
+_ROUNDING = 1e-9  # of gaps
 
 
 @kernel
-def count_pairs(starts, feather, place, found):
+def count_pairs(starts, feather, gap, found):
     """Pairs of different feathers in one cell; returns how many there are.
 
-    starts: (C + 1,) first entry of each cell. feather, place: (N,) of the entries, the feather and
-    its greatest s there. found: pair (K, 3), the lower number first and the greater s, written as
-    far as there is room.
+    starts: (C + 1,) first entry of each cell. feather, gap: (N,) of the entries. found: pair
+    (K, 3), the lower number first and the greater gap, written as far as there is room.
     """
     count = 0
     for cell in range(starts.shape[0] - 1):
@@ -22,52 +21,59 @@ def count_pairs(starts, feather, place, found):
                 if count < found.shape[0]:
                     found[count, 0] = min(feather[a], feather[b])
                     found[count, 1] = max(feather[a], feather[b])
-                    found[count, 2] = max(place[a], place[b])
+                    found[count, 2] = max(gap[a], gap[b])
                 count += 1
     return count
 
 
 @kernel
-def _nearest_free(f, start, values, fixed, neighbours, sign, share):
-    """The value nearest to start, in the direction of sign, that is apart from all fixed ones."""
-    value, moved = start, True
-    while moved:
-        moved = False
-        for e in range(neighbours.starts[f], neighbours.starts[f + 1]):
-            other, gap = neighbours.feather[e], share * neighbours.gap[e]
-            if fixed[other] and abs(values[other] - value) < gap * (1.0 - 1e-9):
-                value = values[other] + sign * gap
-                moved = True
-    return value
+def _find_share(value, near, count):
+    """The least share of its gap that a value is apart from others; 1 at most."""
+    share = 1.0
+    for k in range(count):
+        share = min(share, abs(near[k, 0] - value) / near[k, 1])
+    return share
 
 
 @kernel
-def fit_values(order, neighbours, limits, values, fixed, share):
-    """First fit of stacking values, in an order.
+def _find_near(neighbours, f, values, low, high, near):
+    """Values and gaps of neighbours within a gap of low to high, sorted. Returns their count."""
+    count = 0
+    for e in range(neighbours.starts[f], neighbours.starts[f + 1]):
+        value, gap = values[neighbours.feather[e]], neighbours.gap[e]
+        if low - gap < value < high + gap:
+            k = count
+            while k > 0 and near[k - 1, 0] > value:
+                near[k, 0], near[k, 1] = near[k - 1, 0], near[k - 1, 1]
+                k -= 1
+            near[k, 0], near[k, 1] = value, gap
+            count += 1
+    return count
 
-    Each feather takes the value nearest to its own that is apart from those of its neighbours
-    before it, within limits (F, 2): how much earlier and later, m. Where there is none it takes the
-    largest share of its gaps for which there is one, by bisection. values: (F,) m, own ones, then
-    those found. fixed: (F,) False. share: (F,) of its gaps that a feather has got.
+
+@kernel
+def fit_values(order, neighbours, own, limits, values, near):
+    """Fit stacking values between those of their neighbours, in an order.
+
+    Each feather takes the value nearest to its own that is apart from its neighbours', or else the
+    one with the largest share of its gaps. own: (F,) m. limits: (F, 2) m, how much earlier and
+    later it may be. values: (F,) m, inf where not yet found. near: (N, 2), scratch memory for the
+    neighbours of one.
     """
     for place in range(order.shape[0]):
         f = order[place]
-        own, size, step, got = values[f], 1.0, 1.0, 0.0
-        found = own
-        for _ in range(_SHARE_BITS):
-            later = _nearest_free(f, own, values, fixed, neighbours, 1.0, size)
-            earlier = _nearest_free(f, own, values, fixed, neighbours, -1.0, size)
-            late, early = later - own, own - earlier
-            may_late, may_early = late <= limits[f, 1], early <= limits[f, 0]
-            step *= 0.5
-            if may_late or may_early:
-                found, got = (
-                    later if may_late and (late <= early or not may_early) else earlier,
-                    size,
-                )
-                if size == 1.0:
-                    break
-                size += step
+        low, high = own[f] - limits[f, 0], own[f] + limits[f, 1]
+        count, best = _find_near(neighbours, f, values, low, high, near), -1.0
+        if low <= values[f] <= high and _find_share(values[f], near, count) >= 1.0 - _ROUNDING:
+            continue
+        for k in range(-3, 3 * count):
+            if k < 0:
+                value = own[f] if k == -3 else (low if k == -2 else high)
+            elif k % 3 < 2:
+                value = near[k // 3, 0] + (2 * (k % 3) - 1) * (1.0 + _ROUNDING) * near[k // 3, 1]
             else:
-                size -= step
-        values[f], fixed[f], share[f] = found, True, got
+                value = 0.5 * (near[k // 3, 0] + near[min(k // 3 + 1, count - 1), 0])
+            share = _find_share(value, near, count) if low <= value <= high else -1.0
+            nearer = abs(value - own[f]) < abs(values[f] - own[f])
+            if share > best or (share == best and nearer):
+                values[f], best = value, share

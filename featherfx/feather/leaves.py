@@ -116,7 +116,7 @@ def _bend(placements: Sequence[Placement], feathers: Sequence[Feather]) -> list[
     # the frame of the root, to the last digit
     nodes[:, 0, 0], directors[:, 0] = 0.0, np.eye(3)[1:]
     nodes.flags.writeable = directors.flags.writeable = False
-    room = _MAX_HEIGHT * coat.follicles.corners(coat.mesh, coat.fields.gap * coat.fields.length)
+    room = _MAX_HEIGHT * coat.fields.gap[coat.follicles.triangle]
     trimmed: dict[int, tuple[Flags, Indices, FeatherSurface]] = {}  # by identity of triangles
     bent = []
     for k, (feather, r) in enumerate(zip(feathers, numbers, strict=True)):

@@ -11,7 +11,7 @@ length l by l tan(pitch) and by the way that its root rises, turn its first row,
 all feathers deviate across their vanes, and are raised by, are two fields of lift over the coat
 (coat/leaf_kernels.py), so that leaves stay in order at any amount:
 
-    h = T (d + g(s)) + a w(s) + r v(s),   a = mean of z / w,   r = mean of what they are raised by,
+    h = T (d + s) + a w(s) + r v(s),   a = mean of z / w,   r = mean of what they are raised by,
 
 means over the skin by the weights w(s)^2 and v(s)^2. A raised coat leaves its skin along normals
 that are smoothed more, since those of a hollow soon meet. A vane rolls
