@@ -56,7 +56,7 @@ Listener = Callable[[PhaseState], object]
 class _Phase:
     """An open phase. first: parts done when it began, and from its first news on those done then,
     after so many seconds (begin): what comes first loads what all others need, and tells little of
-    them. silent: timed, not told. at_most: as of phase."""
+    them. silent: timed, not told. at_most, whole: as of phase."""
 
     name: str
     total: float
@@ -66,6 +66,7 @@ class _Phase:
     begin: float | None = None
     silent: bool = False
     at_most: bool = False
+    whole: bool = False
     left: float | None = None
 
 
@@ -127,6 +128,12 @@ class Account:
             return next((own.left for own in self._open if own.name == name), None)
 
     @property
+    def is_whole(self) -> bool:
+        """Return whether phases that begin now are told of as the one that they are in."""
+        with self._lock:
+            return self._open[-1].whole
+
+    @property
     def elapsed(self) -> float:
         """s since the beginning."""
         return time.perf_counter() - self._begin
@@ -139,12 +146,13 @@ class Account:
         silent: bool = False,
         left: float | None = None,
         at_most: bool = False,
+        whole: bool = False,
     ) -> _Phase:
         """Begin a phase within those that are open; of any thread. left: as of advance. The rest:
         as of phase."""
         with self._lock:
             self._spend()
-            own = _Phase(name, total, first, first, silent=silent, at_most=at_most)
+            own = _Phase(name, total, first, first, silent=silent, at_most=at_most, whole=whole)
             self._open.append(own)
         self._tell(own, left)
         return own
@@ -213,17 +221,19 @@ def phase(
     first: float = 0.0,
     silent: bool = False,
     at_most: bool = False,
+    whole: bool = False,
 ) -> Iterator[ReportDone]:
     """Work under a name; call what this gives with the parts done so far.
 
     total: parts, 0: not known. first: those done before. silent: timed, not told. at_most: whether
-    the work may be over long before the total, so that parts say nothing of the time left.
+    the work may be over long before the total, so that parts say nothing of the time left. whole:
+    whether phases within it are neither told nor timed by themselves.
     """
     current = _current.get()
-    if current is None:
+    if current is None or current.is_whole:
         yield lambda done, left=None: None
         return
-    own = current.open(name, total, first, silent, at_most=at_most)
+    own = current.open(name, total, first, silent, at_most=at_most, whole=whole)
     try:
         yield lambda done, left=None: current.advance(own, done, left)
     except BaseException:

@@ -69,6 +69,18 @@ def test_the_most_parts_that_there_may_be_say_nothing_of_the_time_left():
     assert [each.left for each in told] == [None, None, 2.0, None]
 
 
+def test_phases_within_a_whole_one_are_told_and_timed_as_that():
+    told = []
+    with Account(told.append) as own:
+        with phase("calibrating", 2, whole=True) as done:
+            assert list(counted("settling", "ab", 2)) == ["a", "b"]
+            done(1)
+        with phase("settling", 1):
+            pass
+    assert [each.name for each in told] == ["calibrating"] * 3 + ["settling"] * 2
+    assert own.seconds().keys() == {"starting", "calibrating", "settling"}
+
+
 def test_counted_goes_through_all_parts_and_tells_of_each():
     told = []
     with Account(told.append):

@@ -123,12 +123,25 @@ def test_what_is_measured_depends_on_the_shot_alone(gust):
     assert some.options == [whole[2], whole[12]]
 
 
-@pytest.mark.nightly
-def test_mean_pose_and_swing_are_measured_of_what_flutters():
+@pytest.fixture(scope="module")
+def fluttering():
     """An ostrich plume, of which every grid has its own flutter."""
     kinds = sorted(each.path.stem for each in list_presets() if each.family == "feather")
-    shot = part_of(random_shot(9100, kinds), np.array([1]))
-    found, begun = options_of(shot), first_grid(shot.quality.promised)
+    return part_of(random_shot(9100, kinds), np.array([1]))
+
+
+@pytest.mark.nightly
+def test_finer_grids_that_take_too_long_are_not_tried(fluttering, monkeypatch):
+    monkeypatch.setattr(calibration, "_MAX_MEAN_WORK", 0.0)
+    (measured,) = options_of(fluttering).measured
+    assert measured.space == first_grid(fluttering.quality.promised).space
+    assert measured.error > fluttering.quality.promised
+
+
+@pytest.mark.nightly
+def test_mean_pose_and_swing_are_measured_of_what_flutters(fluttering):
+    shot, found = fluttering, options_of(fluttering)
+    begun = first_grid(shot.quality.promised)
     (measured,) = found.measured
     assert not measured.is_unique
     assert measured.space > begun.space

@@ -18,8 +18,8 @@ answer, and the report names it. Its mean pose and swing are unique. There
     e = max(|m - m_s|, |m - m_t|)
 
 m the mean pose as seen from the root, and the RMS distance from it; over _MEAN_TIMES, the longer
-one where the shorter one does not suffice. That is measured of the feather of each kind that loads
-bend most; others of the kind that flutter take the same grid.
+one where the shorter one does not suffice, on grids within _MAX_MEAN_WORK. That is measured of the
+feather of each kind that loads bend most; others of the kind that flutter take the same grid.
 
 A window begins at rest under the loads of its first sample. What a shot brings into it is not in
 its error, which is why a sample may err by a part of what is promised only (_MARGIN).
@@ -45,6 +45,7 @@ from featherfx.files.content import digest, shot_settings
 from featherfx.files.disk_cache import keep, kept, kept_before, nothing_kept
 from featherfx.jit.compile_progress import working_time
 from featherfx.mechanics.batch import may_slip
+from featherfx.phases import phase
 from featherfx.shot.loads import Deflection, LoadEstimate
 from featherfx.shot.loop.window_runs import (
     FAILED_RUN,
@@ -135,6 +136,8 @@ _MAX_PULLED_FRAMES = 36
 # s, over which means are taken: some ten periods of a flapping plume, and four times as many; and
 # times the frames of a shot, which these are at most
 _MEAN_TIMES, _MAX_SHOTS = (1.0, 4.0), 8
+# nodes times s of a run of which means are taken, at most: some twenty seconds of a core
+_MAX_MEAN_WORK = 3000.0
 
 
 def measure_grids(
@@ -274,10 +277,12 @@ class _Search:
         order: of the sample; what comes first stands for others of its kind that flutter.
         """
         left = list(order)
-        for _ in range(_ROUNDS):
-            if not self._run(left, until):
-                return False
-            left = [k for k in left if self._step(k)]
+        with phase("calibrating", _ROUNDS, at_most=True, whole=True) as done:
+            for number in range(_ROUNDS):
+                if not self._run(left, until):
+                    return False
+                left = [k for k in left if self._step(k)]
+                done(number + 1)
         for k, own in enumerate(self.found):
             if not own.is_unique:
                 poses, means = self._of_poses[k], self.found[self._standing.get(self._kind(k), k)]
@@ -386,8 +391,21 @@ class _Search:
         """Go to other levels of a feather; whether there are any."""
         ladders = zip(self._levels[k], steps.values(), (SPACE, TIME), strict=True)
         space, time = (min(max(a + step, 0), len(each) - 1) for a, step, each in ladders)
+        while space > self._levels[k][0] and self._mean_work(k, space) > _MAX_MEAN_WORK:
+            space -= 1
         going, self._levels[k] = (space, time) != self._levels[k], (space, time)
         return going
+
+    def _mean_work(self, k: int, space: int) -> float:
+        """Nodes times s of the finer run at a level of SPACE, where means are taken, else 0."""
+        if not self._means[k]:
+            return 0.0
+        finer, (first, last) = (
+            quality_at(self._shot.quality, (space, 0, "space")),
+            self._windows[k][0],
+        )
+        nodes = finer.rows * (1 + 2 * finer.own_columns)
+        return nodes * (last - first) / self._shot.frames_per_second
 
     def _part(self, k: int, name: str, window: Window) -> float:
         """Return a part of the error of a feather in a window, over its length, at its levels."""
