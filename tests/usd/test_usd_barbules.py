@@ -166,7 +166,7 @@ def test_barbules_move_with_their_barbs(tmp_path, folder):
     (tmp_path / "shot.toml").write_text(
         f'name = "s"\ngroom = "{(folder / "primary.toml").as_posix()}"\nframes = [1, 3]\n'
         "quality = { base = 'draft', rows = 11, columns = 2 }\n"
-        "wind = { speed = 8, direction = [1, 0, 1] }\n"
+        "wind = { speed = 8, gust = 0.5, direction = [1, 0, 1] }\n"
     )
     featherfx.bake(tmp_path / "shot.toml", tmp_path / "s.usdc", barbs=20, barbules=4)
     stage = Usd.Stage.Open(str(tmp_path / "s.usdc"))
