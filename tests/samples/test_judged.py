@@ -18,7 +18,7 @@ PASSED = {
 SMALL = {"breeze": 4, "wet_feather": 2}
 NIGHTLY = {
     **dict.fromkeys(("first_bird", "pigeon", "owl_flight", "peacock", "flapping_bird"), 3),
-    "torn_feather": 8,
+    "torn_feather": 28,
 }
 PREVIEW = {"torn_feather"}  # splits at draft come late
 
