@@ -362,6 +362,7 @@ def _attach_row(points, i, flow, velocity, around):
     for p in range(points.shape[1]):
         size = length(around.area[i, p])
         if size == 0.0:
+            stream[p, 0] = 0.0  # of another feather
             continue
         u, n = sub(velocity[i, p], around.wind[i, p]), scale(1.0 / size, around.area[i, p])
         un = dot(u, n)
