@@ -45,6 +45,8 @@ _MIN_WEIGHT, _HOLD = 1e-3, 1e-9
 _USUAL_RISE = 0.26
 # least growth of phi along the flow of feathers
 MIN_PACE = 0.2
+# of its length, the least gap, of which shares can be told
+_MIN_GAP = 1e-6
 # of its length, an edge of a drawn vane, whose sagitta neighbours make room for
 _EDGE = 0.1
 # of a coat's thickness, that gaps of the feathers over a place may fill
@@ -206,7 +208,9 @@ def make_fields(
     growth = dots(slope, heading)
     pace = np.maximum(mean(dots(slope, flow[follicles.triangle])), MIN_PACE)
     size = length[faces].mean(axis=1)
-    gap = spacing.gap * size + _find_bends(carrier, faces) * (_EDGE * size) ** 2 / 8.0
+    gap = (
+        max(spacing.gap, _MIN_GAP) * size + _find_bends(carrier, faces) * (_EDGE * size) ** 2 / 8.0
+    )
     layers = mean.density * length * mean(follicles.width)
     wanted = layers * _spread(gap, faces, mean) / (_FILLED * spacing.thickness * length)
     return Fields(

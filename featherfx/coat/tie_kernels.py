@@ -66,6 +66,7 @@ def fit_values(order, neighbours, own, limits, values, near):
         count, best = _find_near(neighbours, f, values, low, high, near), -1.0
         if low <= values[f] <= high and _find_share(values[f], near, count) >= 1.0 - _ROUNDING:
             continue
+        # its own value and both limits; of each neighbour, a gap to either side, and half way on
         for k in range(-3, 3 * count):
             if k < 0:
                 value = own[f] if k == -3 else (low if k == -2 else high)

@@ -163,6 +163,14 @@ def test_feathers_on_both_sides_of_a_thin_fin_are_reported_at_its_rim(write, thi
     assert np.abs(place_in(message)).max() > 0.5 * SIDE - LENGTH
 
 
+def test_a_flat_coat_without_gaps_is_laid_and_told_of_nothing(write):
+    path = write(*sheet(), region("close"))
+    groom = path.with_name("groom.toml")
+    groom.write_text(groom.read_text().replace("[layout]", "[layout]\ngap = 0"))
+    with np.errstate(all="raise"):
+        assert not [each for each in messages_of(path) if "layout" in each]
+
+
 @pytest.mark.parametrize(("count", "length"), [(2, 0.01), (5, 0.006), (9, 0.004)])
 def test_a_coat_without_overlap_is_reported_with_a_place(write, count, length):
     path = write(*sheet(), region("few", count=count, length=length))

@@ -292,8 +292,8 @@ VARIATION_KEYS = {
 }
 
 
-# modules of the keys that only grooms with these tables load
-_LIMBS, _REGIONS = "featherfx.groom.keys.plumage", "featherfx.groom.keys.plumage"
+# module of the keys that only grooms with these tables load
+_PLUMAGE = "featherfx.groom.keys.plumage"
 
 GROOM_KEYS = {
     "name": Key(Text(), "Name of the groom."),
@@ -314,21 +314,21 @@ GROOM_KEYS = {
     "feather": tables(FEATHER_ENTRY_KEYS, "Feathers placed one by one.", most=MAX_FEATHERS),
     "row": tables(ROW_KEYS, "Rows of feathers."),
     "bird": Key(
-        Table(LazyKeys(_LIMBS, "BIRD_KEYS")), "A whole bird, from landmarks of its body.", None
+        Table(LazyKeys(_PLUMAGE, "BIRD_KEYS")), "A whole bird, from landmarks of its body.", None
     ),
-    "wing": tables(LazyKeys(_LIMBS, "WING_KEYS"), "Whole wings.", most=1000),
-    "tail": tables(LazyKeys(_LIMBS, "TAIL_KEYS"), "Tails that fan.", most=1000),
-    "crest": tables(LazyKeys(_LIMBS, "CREST_KEYS"), "Crests that rise.", most=1000),
+    "wing": tables(LazyKeys(_PLUMAGE, "WING_KEYS"), "Whole wings.", most=1000),
+    "tail": tables(LazyKeys(_PLUMAGE, "TAIL_KEYS"), "Tails that fan.", most=1000),
+    "crest": tables(LazyKeys(_PLUMAGE, "CREST_KEYS"), "Crests that rise.", most=1000),
     "table": tables(
         TABLE_KEYS, "Feathers from files, one table or several.", most=1000, single=True
     ),
     "usd": tables(
         USD_KEYS, "Feathers drawn in USD scenes, one table or several.", most=1000, single=True
     ),
-    "skin": Key(Table(LazyKeys(_REGIONS, "SKIN_KEYS")), "Mesh that regions grow on.", None),
-    "region": tables(LazyKeys(_REGIONS, "REGION_KEYS"), "Regions of the skin with their feathers."),
+    "skin": Key(Table(LazyKeys(_PLUMAGE, "SKIN_KEYS")), "Mesh that regions grow on.", None),
+    "region": tables(LazyKeys(_PLUMAGE, "REGION_KEYS"), "Regions of the skin with their feathers."),
     "layout": Key(
-        Table(LazyKeys(_REGIONS, "LAYOUT_KEYS")),
+        Table(LazyKeys(_PLUMAGE, "LAYOUT_KEYS")),
         "Lay the feathers over each other like shingles; without it they stay as placed.",
         None,
     ),
