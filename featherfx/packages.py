@@ -93,10 +93,7 @@ PACKAGES = (
         "Feathers that are directed over time: turned, stiffened, calmed, exaggerated.",
         tables=("channels",),
         stages=("direction.channels:FollowThrough",),
-        loads=(
-            "direction.channels:WindLoads",
-            "direction.channels:MaterialLoads",
-        ),
+        loads=("direction.channels:WindLoads", "direction.channels:MaterialLoads"),
         roots=("direction.roots:direct_roots",),
         dependences=("direction.roots:depend_on_channels",),
     ),

@@ -8,12 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from featherfx.api import groom_as_written, open_document, read_groom, read_quality
-from featherfx.baking.entries import (
-    drawn_entries,
-    metadata_of,
-    refuse_too_large,
-    scenery_of_groom,
-)
+from featherfx.baking.entries import drawn_entries, metadata_of, refuse_too_large, scenery_of_groom
 from featherfx.baking.options import GroomOptions, make_options, takes
 from featherfx.baking.task import in_space
 from featherfx.errors import InputError, Problem, all_of, require, require_type

@@ -165,10 +165,7 @@ def _space(flock: FlockShot, options: FlockOptions) -> dict[str, Any]:
     """Return units and axis of all caches: as given, else those of the first skin."""
     surfaces = flock.groups[0].shot.surfaces
     unit, axis = surfaces.surfaces[0].space if surfaces is not None else (1.0, "Z")
-    return {
-        "meters_per_unit": options.meters_per_unit or unit,
-        "up_axis": options.up_axis or axis,
-    }
+    return {"meters_per_unit": options.meters_per_unit or unit, "up_axis": options.up_axis or axis}
 
 
 def write_shots(caches: Sequence[BirdCache], flock: FlockShot, file: Document) -> None:

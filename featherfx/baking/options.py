@@ -97,10 +97,7 @@ class BakeOptions(WriteOptions, DrawnOptions):
         None, "First and last frame to write.  [default: all of the shot]", form="A-B"
     )
     jobs: int = option(
-        1,
-        "Feathers simulated at a time; the result does not depend on it.",
-        least=1,
-        most=MAX_JOBS,
+        1, "Feathers simulated at a time; the result does not depend on it.", least=1, most=MAX_JOBS
     )
     quality: str | None = option(None, "Quality preset instead of the shot's.", metavar="NAME")
     error: float | None = option(

@@ -45,11 +45,7 @@ from featherfx.phases import Account, phase
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
-from featherfx.shot.options import (
-    FeatherOptions,
-    ShotOptions,
-    resolve_options,
-)
+from featherfx.shot.options import FeatherOptions, ShotOptions, resolve_options
 from featherfx.shot.types import Shot, part_of
 from featherfx.usd.write.output import choose_group, unique_prim_names
 

@@ -27,11 +27,7 @@ _PER_WORKER = (
 
 
 def write_plan(
-    ctx: click.Context,
-    shot: Path,
-    style: str,
-    cut: dict[str, Any],
-    options: dict[str, Any],
+    ctx: click.Context, shot: Path, style: str, cut: dict[str, Any], options: dict[str, Any]
 ) -> None:
     """Write the work items and job template of a bake; cut: arguments of plan about shares."""
     given, folders = _given(ctx, _PER_WORKER), options["preset_folders"]
@@ -115,10 +111,7 @@ def bake_on_cluster(
     tell(f"{result['workers']} workers, {result['wall_seconds']:.1f} s")
 
 
-@click.command(
-    cls=Command,
-    epilog="featherfx join wing.usdc --shares 4",
-)
+@click.command(cls=Command, epilog="featherfx join wing.usdc --shares 4")
 @click.argument("output", type=click.Path(path_type=Path))
 @click.option(
     "--shares",

@@ -86,10 +86,7 @@ def _lines(found: dict[str, Any]) -> Iterator[str]:
         yield f"self-test ({test['sample']}): {state} in {test['seconds']:.1f} s"
 
 
-@click.group(
-    cls=CommandGroup,
-    epilog="featherfx plugins list\nfeatherfx plugins install houdini",
-)
+@click.group(cls=CommandGroup, epilog="featherfx plugins list\nfeatherfx plugins install houdini")
 def plugins() -> None:
     """List plugins for other programs, and install them."""
 

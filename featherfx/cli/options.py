@@ -149,9 +149,7 @@ def output_option(
     return click.option("-o", "--output", required=required, type=kind, metavar=metavar, help=told)
 
 
-def overwrite_option(
-    told: str = "Replace files that exist.",
-) -> Callable[[Decorated], Decorated]:
+def overwrite_option(told: str = "Replace files that exist.") -> Callable[[Decorated], Decorated]:
     return click.option("--overwrite", is_flag=True, help=told)
 
 

@@ -100,7 +100,7 @@ def _bake_lines(bake: dict[str, Any]) -> list[str]:
     lines = [
         f"bake of {bake['frames']} frames: {bake['unknowns']} unknowns,"
         f" {as_figure(1e3 * bake['seconds_of_a_feather_and_frame'])} ms a feather and frame"
-        f" (by {bake['tried_feathers']} feathers and {bake['tried_frames']} frames)",
+        f" (by {bake['tried_feathers']} feathers and {bake['tried_frames']} frames)"
     ]
     if len(bake["levels"]) > 1:
         levels = ", ".join(f"{count:.0f} {level}" for level, count in bake["levels"].items())

@@ -193,10 +193,7 @@ def _deviate(coat: Coat, overlaps: Overlaps) -> Coat:
 
 
 def draw(
-    coat: Coat,
-    carrier: Carrier,
-    forms: PlaneForms,
-    numbers: Indices | None = None,
+    coat: Coat, carrier: Carrier, forms: PlaneForms, numbers: Indices | None = None
 ) -> LeafArrays:
     """Draw feathers on their leaves over a carrier.
 

@@ -23,15 +23,7 @@ from math import cos, sin, sqrt
 from typing import NamedTuple
 
 from featherfx.algebra.types import Array, Indices
-from featherfx.algebra.vector_kernels import (
-    combined,
-    cross,
-    dot,
-    length,
-    over,
-    store,
-    sub,
-)
+from featherfx.algebra.vector_kernels import combined, cross, dot, length, over, store, sub
 from featherfx.jit.compiled import kernel
 
 # share of the thickness beneath all leaves: bases of late stacking values stay above the carrier

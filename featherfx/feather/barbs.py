@@ -184,11 +184,7 @@ def without_barb(barbs: Barbs, row: int) -> Barbs:
 
 
 def _place(
-    shapes: _Shapes,
-    arc_length: Array,
-    x: Array,
-    turning: Callable[[Array], Array],
-    columns: int,
+    shapes: _Shapes, arc_length: Array, x: Array, turning: Callable[[Array], Array], columns: int
 ) -> Barbs:
     """Barbs from their shapes, lengths (n,) m and roots (n,) m.
 

@@ -201,11 +201,7 @@ def build_surface(
 
 
 def vane_surface(
-    nodes: Array,
-    station: Array,
-    barb_length: Array,
-    cell: Flags,
-    splits: bool = False,
+    nodes: Array, station: Array, barb_length: Array, cell: Flags, splits: bool = False
 ) -> FeatherSurface:
     """Both vanes, which share the rachis points; only points that a triangle uses.
 

@@ -300,15 +300,9 @@ def _kernel_times(name: str) -> dict[str, tuple[float, float | None]]:
             _operations(n, m, c),
         ),
         "of it derivatives of barbs' nodes": (lambda k: _jacobians(k, model, work), None),
-        "forces alone": (
-            lambda k: _assemblies(k, FORCES_ONLY, model, loads, factors, work),
-            None,
-        ),
+        "forces alone": (lambda k: _assemblies(k, FORCES_ONLY, model, loads, factors, work), None),
         "increment of a pose": (lambda k: _increments(k, model, work), None),
-        "points, strains and energy": (
-            lambda k: _energies(k, model, loads, factors, work),
-            None,
-        ),
+        "points, strains and energy": (lambda k: _energies(k, model, loads, factors, work), None),
     }
     found = {each: (_microseconds(call), count) for each, (call, count) in calls.items()}
     factorised = _microseconds(lambda k: _factors(k, band, work.system)) - copied

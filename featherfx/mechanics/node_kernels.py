@@ -33,15 +33,7 @@ Helmbold's line up to stall, plates of aspect 2 up to 20 degrees (Pelletier and 
 u.n, so D stays convex.
 """
 
-from featherfx.algebra.vector_kernels import (
-    accumulate,
-    combined,
-    dot,
-    length,
-    scale,
-    store,
-    sub,
-)
+from featherfx.algebra.vector_kernels import accumulate, combined, dot, length, scale, store, sub
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.air_kernels import carries_air, unit_normal
 

@@ -37,14 +37,7 @@ from featherfx.algebra.vector_kernels import (
     sub,
 )
 from featherfx.jit.compiled import kernel
-from featherfx.render.barb_kernels import (
-    barb_there,
-    chance,
-    half_width,
-    is_gap,
-    mixed_bits,
-    streak,
-)
+from featherfx.render.barb_kernels import barb_there, chance, half_width, is_gap, mixed_bits, streak
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]

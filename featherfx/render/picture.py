@@ -11,11 +11,7 @@ from featherfx.render.options import PictureOptions, check_options
 
 
 def render(
-    path: str | Path,
-    output: str | Path,
-    *,
-    jobs: int | None = None,
-    **options: Any,
+    path: str | Path, output: str | Path, *, jobs: int | None = None, **options: Any
 ) -> list[Path]:
     """Draw frames of a USD file and return the files written.
 

@@ -192,12 +192,7 @@ class Tracer:
     floor that takes shadow; None: there is none."""
 
     def __init__(
-        self,
-        geometry: Geometry,
-        eye: Eye,
-        samples: int,
-        values: bool,
-        floor: float | None = None,
+        self, geometry: Geometry, eye: Eye, samples: int, values: bool, floor: float | None = None
     ) -> None:
         self._samples, self._values = samples, values
         # single precision: an origin amid what is drawn keeps far-off scenes exact

@@ -140,9 +140,7 @@ class Wet(SomeFeathers):
         "distance; a look control.",
     ] = 0.8
     clump_count: Annotated[
-        int,
-        Number(1, MAX_CLUMPS, whole=True),
-        "Number of clumps along each vane; a look control.",
+        int, Number(1, MAX_CLUMPS, whole=True), "Number of clumps along each vane; a look control."
     ] = 24
 
 

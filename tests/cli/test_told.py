@@ -116,10 +116,7 @@ def test_a_warning_of_steps_says_what_was_exceeded_where_and_what_helps(
             "feathers_over_tolerance": 2,
             "substep_limits": limits,
         }
-        found = [
-            worst("primary_3", 12.0, 4.2e-4, 3, 0, 0),
-            worst("primary_1", 7.5, 1e-5, 0, 1, 2),
-        ]
+        found = [worst("primary_3", 12.0, 4.2e-4, 3, 0, 0), worst("primary_1", 7.5, 1e-5, 0, 1, 2)]
         return figures | counts | {"worst_substeps": found}
 
     monkeypatch.setattr(pipeline, "bake", bake)

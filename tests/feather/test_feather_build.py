@@ -7,14 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 import trimesh
-from feather_kinds import (
-    LEADING_VANE,
-    NO_VANE,
-    SWAN_PRIMARY,
-    TRAILING_VANE,
-    feather_kind,
-    kinds,
-)
+from feather_kinds import LEADING_VANE, NO_VANE, SWAN_PRIMARY, TRAILING_VANE, feather_kind, kinds
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 

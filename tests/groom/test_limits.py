@@ -91,17 +91,13 @@ def test_feathers_are_counted_before_they_are_made(tmp_path: Path) -> None:
     problems = found(tmp_path, "".join(ROW.format(i) for i in range(11)))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert problems == [
-        "groom.toml: row: asks for 1100000 feathers in all. Give at most 1000000",
-    ]
+    assert problems == ["groom.toml: row: asks for 1100000 feathers in all. Give at most 1000000"]
     assert peak < 30e6
 
 
 @pytest.mark.parametrize("text", ["x" + ".x" * 500_000 + " = 1", "x = " + "[" * 5000])
 def test_deep_nesting_is_a_problem(tmp_path: Path, text: str) -> None:
-    assert found(tmp_path, text) == [
-        "groom.toml: tables and arrays are nested deeper than 64",
-    ]
+    assert found(tmp_path, text) == ["groom.toml: tables and arrays are nested deeper than 64"]
 
 
 def test_nesting_that_can_be_read_is_bounded_too(tmp_path: Path) -> None:
@@ -190,7 +186,7 @@ def test_tables_have_a_length(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     row = "f{},0,0,0,1,0,0,0,0,1,\n"
     (tmp_path / "a.csv").write_text(COLUMNS + "".join(row.format(i) for i in range(4)))
     assert found(tmp_path, TABLE.format("a.csv")) == [
-        "a.csv: cannot be read: holds more than 3 rows",
+        "a.csv: cannot be read: holds more than 3 rows"
     ]
 
 

@@ -145,9 +145,7 @@ TAIL = {
     "lengths": [0.1, 0.08],
     "root_width": 0.02,
     "fan": 0.4,
-    "coverts": [
-        {"name": "upper", "length": 0.5, "ahead": 0.02, "height": 0.02, "kind": "contour"},
-    ],
+    "coverts": [{"name": "upper", "length": 0.5, "ahead": 0.02, "height": 0.02, "kind": "contour"}],
 }
 CREST = {
     "id": "crest",
@@ -247,7 +245,7 @@ SCENES = {
         groom(
             feather=[
                 FEATHER
-                | {"scale": 1.2, "overrides": {"vane_material": LOSS, "rachis_material": LOSS}},
+                | {"scale": 1.2, "overrides": {"vane_material": LOSS, "rachis_material": LOSS}}
             ]
         ),
         shot(grip=[PULL]),
@@ -268,7 +266,7 @@ SCENES = {
     ),
     "placing": Scene(
         groom(
-            feather=[FEATHER | {"id": "right", "scale": 1.2, "overrides": {"scaling": "similar"}}],
+            feather=[FEATHER | {"id": "right", "scale": 1.2, "overrides": {"scaling": "similar"}}]
         ),
         shot(),
         ("groom.feather.0",),
@@ -327,7 +325,7 @@ SCENES = {
                         "hook_yield_shear": 20.0,
                         "hook_strength": 60.0,
                         "hook_healing_rate": 5.0,
-                    },
+                    }
                 }
             },
         ),
@@ -605,11 +603,7 @@ SCENES = {
             shelter=[{"share": 0.4}],  # not that of two vanes, 0.3
         ),
         ("shot.wind", "shot.wet", "shot.shelter"),
-        {
-            "wind.base": ["storm"],
-            **SOME,
-            ".keys": [[[0.0, 0.2]]],
-        },
+        {"wind.base": ["storm"], **SOME, ".keys": [[[0.0, 0.2]]]},
         ("shot.wind_usd", ".hooks"),
         {"barbs": 6},
     ),
@@ -661,25 +655,15 @@ SCENES = {
     ),
     "quality by tolerance": Scene(
         groom(),
-        shot(
-            motion=SHAKE | {"amplitude": 0.1, "frequency": 12},
-            quality=QUALITY,
-        ),
+        shot(motion=SHAKE | {"amplitude": 0.1, "frequency": 12}, quality=QUALITY),
         ("shot.quality.tolerance", "shot.quality.relative_tolerance"),
         {".relative_tolerance": [1e-5]},
     ),
     "contact": Scene(
         groom(feather=PAIR),
-        shot(
-            motion={**SHAKE, "amplitude": 0.05},
-            contact={"thickness": 0.002},
-        ),
+        shot(motion={**SHAKE, "amplitude": 0.05}, contact={"thickness": 0.002}),
         ("shot.contact",),
-        {
-            ".layered": [["wing"]],
-            ".regions": [["wing"]],
-            ".kinds": [["swan_secondary"]],
-        },
+        {".layered": [["wing"]], ".regions": [["wing"]], ".kinds": [["swan_secondary"]]},
         (".skin", ".obstacles", ".ease", ".max_steps"),
     ),
     "detail": Scene(
@@ -692,16 +676,10 @@ SCENES = {
     "collider": Scene(
         groom(),
         shot(
-            motion="hold",
-            contact={},
-            collider=[{"usd": "scene.usda", "prims": ["/other_plate"]}],
+            motion="hold", contact={}, collider=[{"usd": "scene.usda", "prims": ["/other_plate"]}]
         ),
         ("shot.collider.0.prims", "shot.collider.0.collection", "shot.collider.0.start"),
-        {
-            ".prims": [["/plate"]],
-            ".collection": ["/plate.collection:hit"],
-            ".start": [2],
-        },
+        {".prims": [["/plate"]], ".collection": ["/plate.collection:hit"], ".start": [2]},
     ),
     "channels": Scene(
         groom(feather=PAIR),
@@ -878,22 +856,11 @@ SCENES = {
     "quality by length": Scene(
         {"name": "groom", "row": [ROW | {"count": 5, "region": "wing"}]},
         shot(quality=ROWS | {"guided_below": 1.0, "guided_every": 2, "body_size": 0.06}),
-        (
-            "shot.quality.guided_below",
-            "shot.quality.guided_every",
-            "shot.quality.body_size",
-        ),
-        {
-            ".guided_below": [0.0],
-            ".guided_every": [4],
-            ".body_size": [30.0],
-        },
+        ("shot.quality.guided_below", "shot.quality.guided_every", "shot.quality.body_size"),
+        {".guided_below": [0.0], ".guided_every": [4], ".body_size": [30.0]},
     ),
     "coarse": Scene(
-        groom(),
-        shot(quality=ROWS),
-        ("shot.quality.coarse_below",),
-        {".coarse_below": [2.0]},
+        groom(), shot(quality=ROWS), ("shot.quality.coarse_below",), {".coarse_below": [2.0]}
     ),
     "guided": Scene(
         {"name": "groom", "row": [ROW | {"count": 5, "region": "wing"}]},

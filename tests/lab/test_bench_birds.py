@@ -14,7 +14,7 @@ def test_finer_qualities_come_nearer_to_the_reference(monkeypatch):
     assert told == [(1, 2), (2, 2)]
     assert [row["quality"] for row in rows] == ["draft", "0.5 %"]
     assert set(rows[0]) == {
-        *("scene", "quality", "error", "cpu_seconds", "wall_seconds", "peak_memory_bytes"),
+        *("scene", "quality", "error", "cpu_seconds", "wall_seconds", "peak_memory_bytes")
     }
     draft, fine = rows
     assert 0.0 < fine["error"] < draft["error"] < 20.0

@@ -79,8 +79,7 @@ def test_a_plate_sticks_on_a_flat_slope_and_slides_down_a_steep_one():
 
 @pytest.mark.parametrize("steps", [16, 64])
 @pytest.mark.parametrize(
-    ("case", "figure", "most"),
-    [("slide", "acceleration", 0.02), ("collide", "momentum", 3e-3)],
+    ("case", "figure", "most"), [("slide", "acceleration", 0.02), ("collide", "momentum", 3e-3)]
 )
 def test_plates_move_as_their_closed_forms_say(case, figure, most, steps):
     found = run_contact(ContactTest(case=case, steps=steps))
@@ -99,8 +98,7 @@ def test_contact_adds_nothing_to_what_steps_slow_a_swing_by(steps):
 
 @pytest.mark.parametrize("quality", ["preview", "final"])
 @pytest.mark.parametrize(
-    ("case", "figure", "most"),
-    [("slide", "acceleration", 0.02), ("collide", "momentum", 0.01)],
+    ("case", "figure", "most"), [("slide", "acceleration", 0.02), ("collide", "momentum", 0.01)]
 )
 def test_plates_move_as_their_closed_forms_say_in_steps_by_tolerance(case, figure, most, quality):
     found = run_contact(ContactTest(case=case, steps=0, quality=quality))

@@ -156,9 +156,7 @@ def test_cholmod_finds_the_direct_solution_where_it_is_installed():
     found, direct = solve(system, "cholmod"), solve(system, "direct")
     assert found.residual < 1e-12
     np.testing.assert_allclose(
-        found.displacements,
-        direct.displacements,
-        atol=1e-11 * np.abs(direct.displacements).max(),
+        found.displacements, direct.displacements, atol=1e-11 * np.abs(direct.displacements).max()
     )
 
 

@@ -35,10 +35,7 @@ def test_derivatives_by_central_differences(ribbon, seed):
     clamp = frame(seed)
     unknowns = random_unknowns(seed, ribbon.nodes)
     direction = np.random.default_rng(seed + 10).normal(size=2 * ribbon.nodes)
-    for energy in (
-        lambda u: elastic(ribbon, u),
-        lambda u: work_of_loads(ribbon, u, clamp, force),
-    ):
+    for energy in (lambda u: elastic(ribbon, u), lambda u: work_of_loads(ribbon, u, clamp, force)):
         step = 1e-5
         above, below = energy(unknowns + step * direction), energy(unknowns - step * direction)
         _, gradient, matrix = energy(unknowns)

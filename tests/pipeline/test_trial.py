@@ -12,15 +12,7 @@ from scipy.spatial import cKDTree
 from featherfx.api import read_shot
 from featherfx.baking import trial_feathers
 from featherfx.baking.stats import stats
-from featherfx.baking.trial import (
-    _FEW,
-    _MORE,
-    Trial,
-    TrialCourse,
-    _larger,
-    _memory,
-    _whole,
-)
+from featherfx.baking.trial import _FEW, _MORE, Trial, TrialCourse, _larger, _memory, _whole
 from featherfx.baking.trial_feathers import _whole_groups, pick_feathers
 from featherfx.errors import InputError
 from featherfx.files.disk_cache import nothing_kept

@@ -12,7 +12,7 @@ from featherfx.usd.check import judge
 # bounds that a sample passes; an entry goes when they are kept
 PASSED = {
     # lips of open splits keep no lengths, and snap apart as they open
-    "torn_feather": {"lengths", "pops"},
+    "torn_feather": {"lengths", "pops"}
 }
 # the other small ones are baked by tests/cli/test_samples_bake.py
 SMALL = {"breeze": 4, "wet_feather": 2}

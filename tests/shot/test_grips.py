@@ -36,12 +36,7 @@ stiffness = 130
 
 def pulled(folder, kind, displacement, row=1.0, column=0.0, more=""):
     (folder / "g.toml").write_text(GROOM.format(kind=kind))
-    given = {
-        "row": row,
-        "column": column,
-        "displacement": displacement,
-        "more": more,
-    }
+    given = {"row": row, "column": column, "displacement": displacement, "more": more}
     (folder / "s.toml").write_text(SHOT.format(quality=COARSE, **given))
     simulation = simulate(read_shot(folder / "s.toml"))
     frames = [frame.poses[0].points.nodes[:, 0] for frame in simulation]

@@ -102,8 +102,7 @@ def test_energy_of_a_released_feather_drifts_little_in_100_periods() -> None:
 
 
 @pytest.mark.parametrize(
-    ("rows", "columns", "periods"),
-    [(21, 6, 15), pytest.param(41, 10, 20, marks=pytest.mark.slow)],
+    ("rows", "columns", "periods"), [(21, 6, 15), pytest.param(41, 10, 20, marks=pytest.mark.slow)]
 )
 def test_the_largest_radius_of_presets_is_stable_on_fine_grids(rows, columns, periods) -> None:
     """On 21 rows 0.9 makes energy from the 11th period on, on 41 rows 0.85 from the 16th, which the

@@ -51,10 +51,6 @@ def test_a_held_feather_is_tried_in_parts_while_there_is_work_for_all_of_them():
     assert [
         load_parts(settings, way, enough, True)
         for way in (EXTRAPOLATE, FOLLOW_ROOT, IMPLICIT_EULER)
-    ] == [
-        0,
-        LOAD_PARTS,
-        LOAD_PARTS,
-    ]
+    ] == [0, LOAD_PARTS, LOAD_PARTS]
     assert load_parts(settings, IMPLICIT_EULER, enough - 1, True) == 0
     assert load_parts(settings, IMPLICIT_EULER, enough, False) == 0

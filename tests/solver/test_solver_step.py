@@ -183,10 +183,7 @@ def broken_loads():
     node = np.full((3, 1, 2), -1)
     node[1, 0] = 4, 0
     return no_loads(3, EARTH)._replace(
-        grip_node=node,
-        grip_start=nowhere,
-        grip_end=nowhere,
-        grip_stiffness=np.full((3, 1), 10.0),
+        grip_node=node, grip_start=nowhere, grip_end=nowhere, grip_stiffness=np.full((3, 1), 10.0)
     )
 
 

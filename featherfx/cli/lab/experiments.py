@@ -389,9 +389,7 @@ EXPERIMENTS = {
         more=(_PICTURE,),
     ),
     "cycle": Experiment(
-        CycleTest,
-        lambda test: [cycle(test)],
-        "--direction across --strains 0.1,0.2,0.3 --json",
+        CycleTest, lambda test: [cycle(test)], "--direction across --strains 0.1,0.2,0.3 --json"
     ),
     "rupture": Experiment(
         RuptureTest,

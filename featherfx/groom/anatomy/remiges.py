@@ -70,11 +70,7 @@ def remiges_of(kind: WingType, bones: WingBones, scale: float) -> Remiges:
         for name, count in zip(REMEX_ROWS, counts, strict=True)
     ]
     rows = [name for name, count in zip(REMEX_ROWS, counts, strict=True) for _ in range(count)]
-    numbers = [
-        *range(counts[0], 0, -1),
-        *range(counts[1], 0, -1),
-        *range(1, counts[2] + 1),
-    ]
+    numbers = [*range(counts[0], 0, -1), *range(counts[1], 0, -1), *range(1, counts[2] + 1)]
     return Remiges(
         rows=tuple(rows),
         numbers=tuple(numbers),

@@ -37,9 +37,7 @@ class CovertRow:
     kind: Annotated[str, Text(), "Feather preset."]
     length: Annotated[float, Number(0.01, 2), "Length as a share of the flight feather's."]
     chord_position: Annotated[
-        float,
-        Number(0, 1),
-        "Where the roots stand between the bone (0) and the leading edge (1).",
+        float, Number(0, 1), "Where the roots stand between the bone (0) and the leading edge (1)."
     ]
     gap: Annotated[float, Number(0, 0.1, "m"), "Distance from the row that it covers."]
     side: Annotated[str, Text(("above", "below")), "Upper or lower side of the wing."] = "above"
@@ -181,9 +179,7 @@ class PartOfBody:
     kind: Annotated[str, Text(), "Feather preset."]
     length: Annotated[float, Number(1e-3, 5, "m"), "Length of the feathers."]
     relative_density: Annotated[
-        float,
-        Number(0, 100),
-        "Feathers on a square as wide as they are long; 0: bare.",
+        float, Number(0, 100), "Feathers on a square as wide as they are long; 0: bare."
     ] = 9.0
     cites: Annotated[
         tuple[str, ...],

@@ -34,14 +34,12 @@ VARIANT_KEYS = {
         TextsByName(),
         'Variants to choose, by variant set: { look = "bird" }; default: those of the stage.',
         {},
-    ),
+    )
 }
 SURFACE_KEYS = {
     "subdivision": Key(
-        Flag(),
-        "Whether a mesh is the subdivided surface that renderers draw, or its cage.",
-        True,
-    ),
+        Flag(), "Whether a mesh is the subdivided surface that renderers draw, or its cage.", True
+    )
 }
 PICTURE_KEYS = {
     "uv": Key(Text(), "Primvar of the mesh that holds texture coordinates.", "st"),

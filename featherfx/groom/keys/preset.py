@@ -197,9 +197,7 @@ class Clock:
     ] = 0.0
     tempo: Annotated[float, Number(1e-3, 1e3), "How many times faster its own time goes."] = 1.0
     size: Annotated[
-        float,
-        Number(1e-3, 1e3),
-        "How many times as far ways go, of the groom and of joints.",
+        float, Number(1e-3, 1e3), "How many times as far ways go, of the groom and of joints."
     ] = 1.0
     fit: Annotated[
         str,

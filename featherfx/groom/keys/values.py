@@ -18,9 +18,7 @@ from typing import Any, Protocol, get_args, get_type_hints
 
 from featherfx.errors import CONTROL
 from featherfx.groom.keys.problems import INVALID, Place, Problems, closest
-from featherfx.limits import (
-    MAX_CHARACTERS,
-)
+from featherfx.limits import MAX_CHARACTERS
 
 REQUIRED = object()
 _FEW_KEYS = 5  # of a table, as an example

@@ -429,8 +429,4 @@ def _nearer(first: Any, second: Any, weight: float) -> Any:
 
 
 # fields whose points may differ in number
-_BLENDS = {
-    "diameter_profile": _blended_curve,
-    "modulus_profile": _blended_curve,
-    "course": _nearer,
-}
+_BLENDS = {"diameter_profile": _blended_curve, "modulus_profile": _blended_curve, "course": _nearer}

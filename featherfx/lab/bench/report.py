@@ -44,9 +44,7 @@ class BenchOptions:
     frames: int | None = option(None, "Of --skips: frames of each.", least=2)
     every: int = option(1, "Of --skips: every n-th feather of each shot alone.", least=1)
     as_json: bool = option(
-        False,
-        "Of --promise and --birds: what is measured, as JSON.",
-        flag="--json",
+        False, "Of --promise and --birds: what is measured, as JSON.", flag="--json"
     )
     seed: int = option(0, "First one, of --promise.", least=0)
     jobs: int | None = option(None, "Threads.  [default: all cores]", least=1)

@@ -399,10 +399,7 @@ def nodal_elastic_energy(model, nodal, f, strains, reference, multiplier, dampin
     for i in range(rows - 1 if nodal.has_rachis else 0):
         for k in range(6):
             total += quadratic(
-                strains[6 * i + k],
-                reference[6 * i + k],
-                model.rachis_stiffness[f, i, k],
-                rachis,
+                strains[6 * i + k], reference[6 * i + k], model.rachis_stiffness[f, i, k], rachis
             )
     stretch, price = nodal.stretch_stiffness[f].flat, multiplier.flat
     for a in range(at_turns - at):

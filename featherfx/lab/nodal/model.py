@@ -247,12 +247,7 @@ def nodal_model(
 
 
 def _check(
-    model: Model,
-    bending: str,
-    stretch: str,
-    section: str,
-    has_rachis: bool,
-    pinned: Flags | None,
+    model: Model, bending: str, stretch: str, section: str, has_rachis: bool, pinned: Flags | None
 ) -> None:
     problems = []
     for key, value, allowed in (
@@ -330,11 +325,7 @@ def _one(
 
 
 def _slots(
-    present: Flags,
-    columns: int,
-    has_rachis: bool,
-    held: bool,
-    pinned: Flags | None,
+    present: Flags, columns: int, has_rachis: bool, held: bool, pinned: Flags | None
 ) -> tuple[Indices, Indices, int]:
     """First unknown of every node (n, 1 + 2 m) and frame (n,), and how many unknowns there are."""
     rows = present.shape[1]

@@ -191,10 +191,7 @@ def add_stretch(nodal, f, damping, signed, work):
                     inverse = nodal.stretch_inverse[f, side, i, j]
                     element.slots[0], element.slots[1] = nodal.slot[f, i, p], nodal.slot[f, i, q]
                     stretch_gradient(
-                        pose.points.nodes[i, p],
-                        pose.points.nodes[i, q],
-                        inverse,
-                        element.lines[0],
+                        pose.points.nodes[i, p], pose.points.nodes[i, q], inverse, element.lines[0]
                     )
                     strain, extra = pose.strains[at], price[side, i, j]
                     rate = damping * (strain - reference[at])

@@ -313,12 +313,7 @@ class Statics:
     """
 
     def __init__(
-        self,
-        membrane: Membrane,
-        held: Flags,
-        *,
-        folding: bool = False,
-        accuracy: float = 1e-10,
+        self, membrane: Membrane, held: Flags, *, folding: bool = False, accuracy: float = 1e-10
     ) -> None:
         self.system = MembraneSystem(membrane, held, folding=folding)
         self.membrane, self._accuracy = membrane, accuracy

@@ -27,12 +27,7 @@ from featherfx.shot.contact.local_retry import SpanInputs, Stepper
 from featherfx.shot.contact.obstacles import Obstacles
 from featherfx.shot.contact.pairs import DEEP, Encounters, FeathersAtRest, layered_pairs
 from featherfx.shot.contact.settle import raised_points, settled_together, warn_of_unsettled
-from featherfx.shot.contact.steps import (
-    MORE_ITERATIONS,
-    FrameSteps,
-    StepPacing,
-    StepRules,
-)
+from featherfx.shot.contact.steps import MORE_ITERATIONS, FrameSteps, StepPacing, StepRules
 from featherfx.shot.frames import place
 from featherfx.shot.loop.free_group import skip_frame
 from featherfx.shot.options import ShotOptions

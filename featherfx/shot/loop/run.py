@@ -33,12 +33,7 @@ from featherfx.shot.loop.groups import (
     model_of,
 )
 from featherfx.shot.motion.motion import prepare_cuts, root_motion
-from featherfx.shot.options import (
-    FeatherOptions,
-    ShotOptions,
-    common_tolerance,
-    resolve_options,
-)
+from featherfx.shot.options import FeatherOptions, ShotOptions, common_tolerance, resolve_options
 from featherfx.shot.roots import Roots, RunUpRoots, run_up_of
 from featherfx.shot.types import Shot
 from featherfx.solver.solver import Solver, limit_iterations

@@ -14,13 +14,7 @@ from featherfx.feather.density import max_distance, mean_distance
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.groom.keys.preset import Quality
 from featherfx.shot.loop.simulate import simulate
-from featherfx.shot.options import (
-    MAX_COEFFICIENTS,
-    SPACE,
-    SPACE_NUMBERS,
-    TIME,
-    given_grid,
-)
+from featherfx.shot.options import MAX_COEFFICIENTS, SPACE, SPACE_NUMBERS, TIME, given_grid
 from featherfx.shot.roots import Roots
 from featherfx.shot.types import Shot
 

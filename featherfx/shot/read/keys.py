@@ -153,10 +153,7 @@ _COLLIDER = {
     **PICTURE_KEYS,
 }
 
-CONTACT = {
-    "enabled": Key(Flag(), "Whether feathers touch each other.", True),
-    **keys_of(Contact),
-}
+CONTACT = {"enabled": Key(Flag(), "Whether feathers touch each other.", True), **keys_of(Contact)}
 
 LEVEL_OF_DETAIL = {
     "enabled": Key(Flag(), "Whether levels follow from what is seen.", True),

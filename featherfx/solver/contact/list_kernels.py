@@ -358,8 +358,7 @@ def _hand_to(contact, body, given, start, now, rules, planes, to):
     """
     force, ahead = given
     slip = sub(
-        sub(contact.guest_now, _guest(contact, start)),
-        sub(contact.place_now, contact.place_start),
+        sub(contact.guest_now, _guest(contact, start)), sub(contact.place_now, contact.place_start)
     )
     is_guest = contact.guest == body
     parts = (1 if contact.fraction == 0.0 else 2) if is_guest else 3

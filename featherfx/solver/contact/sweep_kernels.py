@@ -148,11 +148,7 @@ def _advance(body, thread, frame, together, sweep):
         start_acceleration(model, loads, f, path, settings, old, work)
         old.step[f] = _BEGUN
     _hand(body, f, loads.contacts, False, together, sweep)
-    _take(
-        viewed(batches.rows_old, g),
-        viewed(batches.rows_new, g),
-        f,
-    )
+    _take(viewed(batches.rows_old, g), viewed(batches.rows_new, g), f)
     report.steps[f] = report.forced[f] = report.passed[f] = report.slipped[f] = 0.0
     report.error[f] = report.move[f] = 0.0
     before, begins = report.iterations[f], marks.solves[body] == 0

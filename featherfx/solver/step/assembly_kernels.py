@@ -3,11 +3,7 @@
 from featherfx.algebra.lanes import increase, load, put, spread
 from featherfx.algebra.vector_kernels import accumulate
 from featherfx.jit.compiled import kernel, loop_kernel, shared_kernel
-from featherfx.mechanics.contact_kernels import (
-    add_contact_forces,
-    add_contact_stiffness,
-    press,
-)
+from featherfx.mechanics.contact_kernels import add_contact_forces, add_contact_stiffness, press
 from featherfx.mechanics.node_kernels import add_dead_forces, add_grip_forces, node_forces
 from featherfx.mechanics.rachis_kernels import (
     rachis_geometric_stiffness,
@@ -20,10 +16,7 @@ from featherfx.mechanics.row_kernels import (
     subtract_couple_moments,
     subtract_director_moments,
 )
-from featherfx.mechanics.turn_guard_kernels import (
-    add_turn_guard_stiffness,
-    add_turn_guard_stress,
-)
+from featherfx.mechanics.turn_guard_kernels import add_turn_guard_stiffness, add_turn_guard_stress
 from featherfx.solver.step.active_contact_kernels import followed_contacts
 from featherfx.solver.step.pose_kernels import barb_jacobians, joint_axes
 from featherfx.solver.types import FORCES_ONLY, WHOLE_STIFFNESS

@@ -91,10 +91,7 @@ from featherfx.solver.step.step_control_kernels import (
     scale_settings,
     work_after_failure,
 )
-from featherfx.solver.step.strain_kernels import (
-    copy_strains,
-    strains_at,
-)
+from featherfx.solver.step.strain_kernels import copy_strains, strains_at
 from featherfx.solver.types import IntegratorFactors
 
 # of where Newton ends for a held feather, where it ends for one that flies
@@ -196,10 +193,7 @@ def _predict(model, loads, f, path, attempt, state, work):
         motion = motion_of(state, f, NODE_POINTS)
         span = state.time[f] + h, h, method.rate, method.inertia
         blow_step(motion, now.points.nodes, span, state.spin[f, 0], loads, f, model, around)
-    rachis, vane = (
-        damping_over(model, f, 0, h, steps[1]),
-        damping_over(model, f, 1, h, steps[1]),
-    )
+    rachis, vane = (damping_over(model, f, 0, h, steps[1]), damping_over(model, f, 1, h, steps[1]))
     return IntegratorFactors(method.inertia, method.rate, rachis, vane)
 
 

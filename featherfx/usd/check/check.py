@@ -23,13 +23,7 @@ from featherfx.phases import counted
 from featherfx.usd.check.geometry import geometry_problems
 from featherfx.usd.read.curves import CURVE_KINDS
 from featherfx.usd.read.groom import read_feathers
-from featherfx.usd.read.stage import (
-    SourceScene,
-    broken_clips,
-    list_broken,
-    open_scene,
-    prims_below,
-)
+from featherfx.usd.read.stage import SourceScene, broken_clips, list_broken, open_scene, prims_below
 from featherfx.usd.read.surface import MeshOptions, open_mesh
 from featherfx.usd.read.values import (
     EARLIEST_TIME,

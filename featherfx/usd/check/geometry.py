@@ -225,10 +225,7 @@ class GeometryCheck:
         return np.empty(0) if found is None else found
 
     def _over_time(
-        self,
-        name: str,
-        test: Callable[[Any, Any], str],
-        may_fail: Callable[[Any, Any], Any] | None,
+        self, name: str, test: Callable[[Any, Any], str], may_fail: Callable[[Any, Any], Any] | None
     ) -> Faults:
         """Run a test of (value, code) at every time of an attribute; report the first failure.
 

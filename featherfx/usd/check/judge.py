@@ -221,11 +221,7 @@ def _rachis_starts(track: Track) -> Indices:
 
 
 def _compare(
-    window: Sequence[_Sample],
-    track: Track,
-    sizes: Array,
-    per_second: float,
-    found: TrackMeasures,
+    window: Sequence[_Sample], track: Track, sizes: Array, per_second: float, found: TrackMeasures
 ) -> None:
     """Compare samples that follow each other. window: the last five, the newest last."""
     codes = [each.code for each in window]

@@ -23,12 +23,7 @@ from featherfx.usd.read.cached_feather import (
     range_slice,
     read_mesh_feathers,
 )
-from featherfx.usd.read.drawn_meshes import (
-    DrawnMesh,
-    FeatherLabels,
-    drawn_meshes,
-    list_undrawn,
-)
+from featherfx.usd.read.drawn_meshes import DrawnMesh, FeatherLabels, drawn_meshes, list_undrawn
 from featherfx.usd.read.stage import transform_points
 from featherfx.usd.read.values import (
     DEFAULT_TIME,

@@ -101,11 +101,7 @@ class ExpandedFeather:
 
 
 def expand(
-    stage: Any,
-    *,
-    rows: int | None = None,
-    columns: int | None = None,
-    barbs: int | None = None,
+    stage: Any, *, rows: int | None = None, columns: int | None = None, barbs: int | None = None
 ) -> Expansion:
     """Return the condensed feathers of a stage, or of a file by its path, as meshes and barbs.
 

@@ -26,13 +26,7 @@ from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.skin.skin import is_flat
 from featherfx.usd.read.curves import read_prim_curves
 from featherfx.usd.read.skinning import JointSpaces, SkinPose, animation_attributes
-from featherfx.usd.read.stage import (
-    SourceScene,
-    check_transforms,
-    find_prim,
-    list_times,
-    rest_time,
-)
+from featherfx.usd.read.stage import SourceScene, check_transforms, find_prim, list_times, rest_time
 from featherfx.usd.read.surface import MeshOptions, Surface, open_mesh
 from featherfx.usd.read.values import describe_time, read_matrix, usd_errors
 
@@ -289,11 +283,7 @@ class RibbonMesh(Surface):
     """Ribbons as a mesh that roots follow. Faces are bones, or pieces of a curve."""
 
     def __init__(
-        self,
-        scene: SourceScene,
-        prim: Any,
-        ribbons: BoneRibbons | CurveRibbon,
-        rest: float | None,
+        self, scene: SourceScene, prim: Any, ribbons: BoneRibbons | CurveRibbon, rest: float | None
     ) -> None:
         self._begin(scene, prim, ribbons, partial(read_matrix, ribbons.space), rest)
         self._find_times(ribbons.attributes())

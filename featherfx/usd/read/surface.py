@@ -37,11 +37,7 @@ from featherfx.usd.read.mesh_topology import (
     read_topology,
     read_triangles,
 )
-from featherfx.usd.read.skinning import (
-    SkinPose,
-    explain_stillness,
-    find_skinning,
-)
+from featherfx.usd.read.skinning import SkinPose, explain_stillness, find_skinning
 from featherfx.usd.read.stage import (
     ScenePrim,
     SourceScene,

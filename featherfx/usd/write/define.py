@@ -20,13 +20,7 @@ import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
 from featherfx import usd
-from featherfx.usd.types import (
-    BARB_NODE_PRIMVARS,
-    BARB_PRIM,
-    MESH_PRIM,
-    RACHIS_PRIM,
-    FeatherEntry,
-)
+from featherfx.usd.types import BARB_NODE_PRIMVARS, BARB_PRIM, MESH_PRIM, RACHIS_PRIM, FeatherEntry
 from featherfx.usd.write.chunks import AnimatedPrims
 from featherfx.usd.write.layers import (
     BARBS_SCOPE,
@@ -39,11 +33,7 @@ from featherfx.usd.write.layers import (
 )
 from featherfx.usd.write.materials import choose_inputs, define_materials
 from featherfx.usd.write.posed_groups import PosedGroup
-from featherfx.usd.write.prims import (
-    define_barbs,
-    define_mesh,
-    define_rachises,
-)
+from featherfx.usd.write.prims import define_barbs, define_mesh, define_rachises
 
 REPRESENTATION_SET, _DEFAULT_REPRESENTATION = "representation", "vane"
 
@@ -82,11 +72,7 @@ def define_representations(stage: Any, info: StageInfo, with_barbs: bool) -> Non
 
 
 def define_prims(
-    layer: Any,
-    info: StageInfo,
-    entries: Sequence[FeatherEntry],
-    prims: AnimatedPrims,
-    texture: str,
+    layer: Any, info: StageInfo, entries: Sequence[FeatherEntry], prims: AnimatedPrims, texture: str
 ) -> None:
     """Author the prims and their constant values in a layer.
 

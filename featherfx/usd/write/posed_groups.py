@@ -19,13 +19,7 @@ from featherfx import usd
 from featherfx.algebra.types import Array, Flags, Floats, Indices
 from featherfx.feather.types import RowPoints
 from featherfx.shot.frames import FeatherPose
-from featherfx.usd.arrays import (
-    InPlace,
-    new_integers,
-    new_rotations,
-    new_scalars,
-    new_vectors,
-)
+from featherfx.usd.arrays import InPlace, new_integers, new_rotations, new_scalars, new_vectors
 from featherfx.usd.types import (
     ACCELERATIONS,
     BARB_DIRECTION,

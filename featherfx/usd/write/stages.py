@@ -284,12 +284,7 @@ class StagedBird:
     facts: dict[str, Any]
 
 
-def write_flock(
-    path: Path,
-    birds: Sequence[StagedBird],
-    info: StageInfo,
-    before: Standing,
-) -> None:
+def write_flock(path: Path, birds: Sequence[StagedBird], info: StageInfo, before: Standing) -> None:
     """Write the stage of a flock. info: of its root. Raises OutputError."""
     layer = new_layer(info)
     assert info.frames is not None
