@@ -117,6 +117,10 @@ class MovingSurface(OfScene, Protocol):
     def is_mirrored(self, code: float) -> bool:
         """Return whether it is mirrored at a time code against rest."""
 
+    def turn(self, first: float, last: float) -> float:
+        """Return the angle (rad) by which transforms turn it between time codes, by way of their
+        middle."""
+
     def masked(self, chosen: Flags) -> MovingSurface:
         """The same with some of its triangles (T,) alone."""
 

@@ -3,6 +3,7 @@
 import creature
 import numpy as np
 import pytest
+from pxr import Usd, UsdGeom
 from scipy.spatial.transform import Rotation
 
 import featherfx
@@ -135,3 +136,26 @@ def test_loads_of_some_feathers_are_those_among_all(tmp_path):
     for every, own in zip(whole, part, strict=True):
         np.testing.assert_array_equal(own[[1, 2, 7]], every[[1, 2, 7]])
         assert np.isnan(own[[0, 3, 8]]).all()
+
+
+@pytest.mark.parametrize("turn", [170.0, 288.0])
+def test_a_spin_that_frames_do_not_show_is_told(tmp_path, recwarn, turn):
+    """By more than half a turn a frame, smooth motion would go the other way round."""
+    path = creature.write_shot(tmp_path, creature.sampled, count=3)
+    stage = Usd.Stage.Open(str(tmp_path / "creature.usda"))
+    spin = UsdGeom.Xformable(stage.GetPrimAtPath("/creature/skin"))
+    spin.ClearXformOpOrder()
+    angle = spin.AddRotateXOp()
+    for code, time in creature.times():
+        angle.Set(turn * creature.RATE * time, code)
+    stage.Save()
+    featherfx.read_shot(path)
+    told = [str(each.message) for each in recwarn if "degrees" in str(each.message)]
+    assert len(told) == (turn > 180.0)
+    assert all("/creature/skin turns by 288 degrees from time code" in each for each in told)
+    recwarn.clear()
+    path.write_text(path.read_text() + 'interpolation = "linear"\n')
+    skin = featherfx.read_shot(path).skin
+    assert not [each for each in recwarn if "degrees" in str(each.message)]
+    middle = turns_of(skin, 0.5 / creature.RATE)[1] @ turns_of(skin, 0.0)[1].T
+    assert np.degrees(Rotation.from_matrix(middle).magnitude()) == pytest.approx(turn / 2, abs=0.1)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +65,7 @@ def read_skin(
                 f"but '{placed[0]}' is placed by skin uv"
             )
     at.problems.hand_on()
-    moving = tuple(_moving(each, entry, checked, clock) for each in surfaces)
+    moving = tuple(_moving(each, entry, checked, clock, at) for each in surfaces)
     return SkinSurfaces(
         moving,
         clock,
@@ -192,7 +194,7 @@ def read_colliders(
                 _note(mesh, "collider", checked, clock)
                 _warn_of_range(mesh, checked, clock, at)
                 part = _mask(mesh, entry, at, readers)
-                found.append(TimedSurface(_moving(part, entry, checked, clock), clock))
+                found.append(TimedSurface(_moving(part, entry, checked, clock, at), clock))
     return tuple(found)
 
 
@@ -241,15 +243,29 @@ def _needed(readers: SceneReaders | None, at: Place) -> SceneReaders:
 
 
 def _moving(
-    surface: MovingSurface, entry: dict[str, Any], checked: dict[str, Any], clock: StageClock
+    surface: MovingSurface,
+    entry: dict[str, Any],
+    checked: dict[str, Any],
+    clock: StageClock,
+    at: Place,
 ) -> MovingSurface:
     """A surface as it moves between whole frames: smoothly, unless the entry says otherwise.
 
-    At whole frames it is as the scene has it.
+    At whole frames it is as the scene has it. An InputWarning tells where it spins too fast for
+    that.
     """
     if entry["interpolation"] == "linear" or surface.sampled is None:
         return surface
-    return surface.smoothed(clock.knots(surface.sampled, _span(checked)))
+    knots, ends = clock.knots(surface.sampled, _span(checked)), _span(checked)
+    first, last = ((clock.start + clock.step * end - knots.start) / knots.step for end in ends)
+    codes = knots.start + knots.step * np.arange(math.floor(first), math.ceil(last) + 1)
+    turns = [math.degrees(surface.turn(*each)) for each in pairwise(codes.tolist())]
+    if max(turns, default=0.0) > 180.1:  # at half a turn, either way is as short
+        k = int(np.argmax(turns))
+        told = f"turns by {turns[k]:.0f} degrees from time code {codes[k]:g} to {codes[k + 1]:g}"
+        told += ", and smooth motion between frames takes the short way round"
+        warn_input(f'{at.source}: {at.key}: {surface.path} {told}. Give interpolation = "linear"')
+    return surface.smoothed(knots)
 
 
 def _span(checked: dict[str, Any]) -> tuple[int, int]:

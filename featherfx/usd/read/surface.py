@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
+from scipy.spatial.transform import Rotation
 
 from featherfx.algebra.interpolation import Knots, Maps, Stencil
 from featherfx.algebra.triangulation import orient
@@ -428,6 +429,16 @@ class Surface(ScenePrim):
         bound = np.eye(4) if self._skinning is None else self._skinning.bind_matrix
         self.rest_matrix = bound @ matrix
         return self._finite(transform_points(local, matrix), None)
+
+    def turn(self, first: float, last: float) -> float:
+        """Return the angle (rad) by which transforms turn it between time codes, by way of their
+        middle."""
+        codes = first, 0.5 * (first + last), last
+        a, b, c = matrices = [self._matrix(Usd.TimeCode(code))[:3, :3] for code in codes]
+        if min(np.linalg.det(matrices)) * max(np.linalg.det(matrices)) <= 0.0:
+            return 0.0  # mirrored from one to the next, or matrices between opposite ones
+        steps = np.linalg.solve([a, b], [b, c])
+        return float(Rotation.from_matrix(steps).magnitude().sum())
 
     def _sign(self, code: Any) -> bool:
         return bool(np.linalg.det(self._matrix(code)[:3, :3]) < 0.0)
