@@ -13,9 +13,8 @@ from featherfx.mechanics.model import Loads, Model
 from featherfx.solver.scratch import make_scratch
 from featherfx.solver.solver import Solver, StepReport, describe_overload, specific_energy
 from featherfx.solver.state import State
-from featherfx.solver.status import CONVERGED
 from featherfx.solver.step.energy_kernels import elastic_energy, stored_energy, viscous_energy
-from featherfx.solver.types import Strains
+from featherfx.solver.types import CONVERGED, Strains
 
 # growth of energy that round-off and Newton's tolerance may cause, share of all energy there is
 ENERGY_SLACK = 1e-6

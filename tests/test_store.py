@@ -11,8 +11,7 @@ import pytest
 
 from featherfx.errors import InputError
 from featherfx.files import disk_cache
-from featherfx.files.content import digest
-from featherfx.files.disk_cache import Aside, kept
+from featherfx.files.disk_cache import Aside, digest, kept
 from featherfx.shot.loop.run import ShotRun
 from featherfx.shot.read.read import read_shot
 

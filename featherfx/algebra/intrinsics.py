@@ -1,4 +1,4 @@
-"""Functions of kernels as LLVM does them: lanes (lanes.py) are a vector of the processor, views
+"""Functions of kernels as LLVM does them: lanes (views.py) are a vector of the processor, views
 (views.py) lines of words, and counters of teams (thread_team.py) atomic."""
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 from numba.extending import intrinsic, models, register_model
 
-from featherfx.algebra.lanes import COUNT
+from featherfx.algebra.views import COUNT
 from featherfx.jit.kernel_types import build_array, read_words
 
 _VECTOR = ir.VectorType(ir.DoubleType(), COUNT)

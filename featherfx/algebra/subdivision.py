@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from featherfx.algebra.sparse import Rows
+from featherfx.algebra.interpolation import Rows
 from featherfx.algebra.subdivision_cage import (
     Cage,
     CageEdges,

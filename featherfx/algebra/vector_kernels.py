@@ -20,7 +20,7 @@ from math import atan2, cos, factorial, pi, sin, sqrt
 
 import numpy as np
 
-from featherfx.algebra.lanes import chosen, spread
+from featherfx.algebra.views import chosen, spread
 from featherfx.jit.compiled import kernel, loop_kernel
 
 

@@ -18,7 +18,7 @@ from featherfx.api import open_document, read_quality, shot_as_written
 from featherfx.baking.entries import refuse_splits_elsewhere, refuse_too_large, refuse_unfit_form
 from featherfx.baking.options import BakeOptions
 from featherfx.errors import InputError, Problem, all_of, as_figure, warn_input
-from featherfx.files.content import program_digest
+from featherfx.files.disk_cache import program_digest
 from featherfx.groom.read.read import SCENE_SUFFIXES
 from featherfx.groom.types import Groom
 from featherfx.shot.loop.placement import place_feathers

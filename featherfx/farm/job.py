@@ -41,8 +41,7 @@ from featherfx.farm.work import (
     outputs_of,
 )
 from featherfx.files.atomic_write import Lock, standing
-from featherfx.files.content import program_digest
-from featherfx.files.disk_cache import keep, kept_before
+from featherfx.files.disk_cache import keep, kept_before, program_digest
 from featherfx.files.folders import SHIPPED_PRESETS, own_folders
 from featherfx.phases import Progress, listener_of
 from featherfx.usd.types import BUSY_MESSAGE, OutputError

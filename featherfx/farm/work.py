@@ -32,7 +32,7 @@ from featherfx.baking.plan import merge, merge_piece
 from featherfx.baking.task import BakeTask, part_path
 from featherfx.errors import InputError, InputWarning, Problem, require
 from featherfx.files.atomic_write import write_text
-from featherfx.files.content import program_digest
+from featherfx.files.disk_cache import program_digest
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.phases import Account
 from featherfx.shot.contact.partition import share_count, share_sizes

@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import scipy
 
-from featherfx.algebra.sparse import from_scipy
+from featherfx.algebra.interpolation import from_scipy
 from featherfx.algebra.vectors import dots, unit
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather, build_shapes
@@ -52,7 +52,7 @@ from featherfx.feather.types import (
     RowMap,
     barb_slice,
 )
-from featherfx.files.content import stable_number
+from featherfx.files.disk_cache import stable_number
 from featherfx.groom.materials import BarbLook
 from featherfx.groom.types import FeatherKind, Splits
 

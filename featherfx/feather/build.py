@@ -17,7 +17,7 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
-from featherfx.algebra.sparse import Rows
+from featherfx.algebra.interpolation import Rows
 from featherfx.errors import Problem, all_of, require
 from featherfx.feather.barbs import describe_outline_fault
 from featherfx.feather.density import density_map

@@ -13,8 +13,6 @@ of barbs that lie against each other, are scaled by that alone.
 
 from math import sqrt
 
-from featherfx.algebra.lanes import COUNT as LANES
-from featherfx.algebra.lanes import lane, load, spread
 from featherfx.algebra.vector_kernels import (
     accumulate,
     add,
@@ -25,7 +23,8 @@ from featherfx.algebra.vector_kernels import (
     store,
     sub,
 )
-from featherfx.algebra.views import shaped, viewed
+from featherfx.algebra.views import COUNT as LANES
+from featherfx.algebra.views import lane, load, shaped, spread, viewed
 from featherfx.feather.types import MovingPoints, RowPoints
 from featherfx.jit.compiled import kernel, loop_kernel
 

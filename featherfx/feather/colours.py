@@ -29,7 +29,7 @@ from featherfx.algebra.interpolation import faded
 from featherfx.algebra.types import Array
 from featherfx.feather.density import linear_weights
 from featherfx.feather.types import LEADING, RACHIS_PART, TRAILING, BarbCurves, Feather, barb_slice
-from featherfx.files.content import stable_number
+from featherfx.files.disk_cache import stable_number
 from featherfx.groom.materials import (
     DEFAULT_PATTERN_SIZES,
     PIGMENTS,

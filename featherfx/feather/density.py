@@ -25,9 +25,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.lanes import COUNT as LANES
-from featherfx.algebra.sparse import Rows, rows_of
+from featherfx.algebra.interpolation import Rows, rows_of
 from featherfx.algebra.types import Flags
+from featherfx.algebra.views import COUNT as LANES
 from featherfx.algebra.views import views_of
 from featherfx.feather.types import (
     LEADING,

@@ -34,8 +34,7 @@ from featherfx.coat.sheets import raise_onto, sew_fan
 from featherfx.errors import count_feathers, warn_input
 from featherfx.feather.build import build_plane_feathers
 from featherfx.feather.types import Feather, FeatherSurface, RowPoints, stacked
-from featherfx.files.content import digest
-from featherfx.files.disk_cache import kept
+from featherfx.files.disk_cache import digest, kept
 from featherfx.groom.skin.skin import closest
 from featherfx.groom.types import Groom, Placement
 

@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.sparse import Rows
+from featherfx.algebra.interpolation import Rows
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -12,7 +12,7 @@ from featherfx.algebra.interpolation import faded
 from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.algebra.vectors import unit, vertex_normals
 from featherfx.feather.types import RACHIS_PART
-from featherfx.files.content import stable_number
+from featherfx.files.disk_cache import stable_number
 from featherfx.groom.materials import BarbLook
 from featherfx.render.geometry import (
     DrawnGrid,

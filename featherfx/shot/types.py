@@ -13,7 +13,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array, ByValue, Indices
 from featherfx.errors import count_feathers, require_type
-from featherfx.files.content import shot_settings
+from featherfx.files.disk_cache import shot_settings
 from featherfx.groom.document import Document, Documented
 from featherfx.groom.keys.preset import PRESET_FAMILIES, UNSCALED_CLOCK, Clock, Quality, Wind
 from featherfx.groom.keys.values import ArrayOf, Default, Number, Text, vector

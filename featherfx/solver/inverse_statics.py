@@ -28,7 +28,7 @@ from featherfx.mechanics.model import Model, no_loads
 from featherfx.mechanics.ribbon_kernels import curl_energy
 from featherfx.solver.solver import Solver
 from featherfx.solver.state import State
-from featherfx.solver.status import CONVERGED
+from featherfx.solver.types import CONVERGED
 
 # rad: most that two rows or a joint may be turned back; beyond, other rest shapes have the same
 # pose

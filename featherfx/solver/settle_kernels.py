@@ -39,7 +39,6 @@ from featherfx.jit.compiled import kernel
 from featherfx.mechanics.air_kernels import blow
 from featherfx.mechanics.row_kernels import copy_points, points_of
 from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of, never_slip
-from featherfx.solver.status import CONVERGED, NO_REST, NOT_CONVERGED, SEVERAL_RESTS
 from featherfx.solver.step.gap_kernels import slip_gaps, weaken_gaps
 from featherfx.solver.step.newton_kernels import (
     UNKNOWN_CONVERGENCE,
@@ -48,7 +47,14 @@ from featherfx.solver.step.newton_kernels import (
     next_convergence,
 )
 from featherfx.solver.step.pose_kernels import keep_pose, load_pose
-from featherfx.solver.types import MIXING_DEPTH, IntegratorFactors
+from featherfx.solver.types import (
+    CONVERGED,
+    MIXING_DEPTH,
+    NO_REST,
+    NOT_CONVERGED,
+    SEVERAL_RESTS,
+    IntegratorFactors,
+)
 
 FIRST_SETTLE_STEP, MIN_SETTLE_STEP, SETTLE_STEP_GROWTH = 1e-2, 1e-7, 8.0  # step lengths, s
 _MAX_ITERATIONS, MAX_SETTLE_STEPS = 100, 80

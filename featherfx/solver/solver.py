@@ -23,13 +23,12 @@ from featherfx.solver.state import State as State
 from featherfx.solver.state import StepReport as StepReport
 from featherfx.solver.state import carry_to, make_report
 from featherfx.solver.state import hold_roots as hold_roots
-from featherfx.solver.status import CONVERGED, reason_of
-from featherfx.solver.types import StepSettings
+from featherfx.solver.types import CONVERGED, StepSettings, reason_of
 
 _Part = TypeVar("_Part")
 energy_kernels = KernelModule("featherfx.solver.step.energy_kernels")
 frame_kernels = KernelModule("featherfx.solver.step.frame_kernels")
-start_kernels = KernelModule("featherfx.solver.step.start_kernels")
+step_control_kernels = KernelModule("featherfx.solver.step.step_control_kernels")
 settle_kernels = KernelModule("featherfx.solver.settle_kernels")
 
 MAX_NEWTON_ITERATIONS = 32

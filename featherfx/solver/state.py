@@ -28,7 +28,7 @@ class State(NamedTuple):
     rad. points: (F, ...) nodes and directors, velocity and acceleration: their rates; smoothed: the
     integrator's averaged acceleration. spin: (F, n, 3) rad/s and coefficient_rate:
     (F, 2, n, 2 C) rad/s of the last step, for the next predictor. strains: (F, 2 + B, ...) after
-    the last step, after the one before, and of the dashpots (step/relaxation_kernels). step: (F,)
+    the last step, after the one before, and of the dashpots (step/strain_kernels). step: (F,)
     s, its length, 0 before the first. proposal: (F,) s, length that the error control wants next.
     time: (F,) s. gaps: (F, ...).
     """
@@ -119,7 +119,7 @@ class StepReport(NamedTuple):
     barbs pass through each other, and in which hooks slip by more than a step should
     (gap_kernels). error: m, largest accepted local error. move: m, largest distance of a step from
     its solution, as Newton's last moves tell. status: 0, or why the feather stopped
-    (featherfx/solver/status.py).
+    (featherfx/solver/types.py).
     """
 
     steps: Array
@@ -210,7 +210,7 @@ def set_pose(
 
     frames: (n, 3, 3) row frames. centres: (n, 3) m. coefficients: (2, n, 2 C). velocity: of nodes
     and directors. time: s. The first step then finds the accelerations that belong to pose and
-    velocity (featherfx/solver/step/start_kernels.py).
+    velocity (featherfx/solver/step/step_control_kernels.py).
     """
     state.rotation[f] = along_rows(frames_to_quats(frames))
     state.centre[f], state.coefficient[f] = centres, coefficients

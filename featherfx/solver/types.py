@@ -1,4 +1,4 @@
-"""Named tuples and sizes of arrays that Python and the kernels of a step share."""
+"""Tuples and sizes of arrays that Python and the kernels of a step share, and ends of a solve."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.lanes import COUNT as LANES
 from featherfx.algebra.types import Array
+from featherfx.algebra.views import COUNT as LANES
 
 # contacts of a feather that are followed, at most; others are as they are where K is made
 MAX_FOLLOWED_CONTACTS = 16384
@@ -63,7 +63,7 @@ class Strains(NamedTuple):
 
 class IntegratorFactors(NamedTuple):
     """Factors of a step's energy: inertia (1/s^2) and rate of velocities (1/s) of the integrator,
-    and damping of the rachis and the vane, q of relaxation_kernels."""
+    and damping of the rachis and the vane, q of strain_kernels."""
 
     inertia: float
     rate: float
@@ -141,3 +141,35 @@ class SettleResult(NamedTuple):
 def panel_shape(width: int) -> tuple[int, int]:
     """Shape of the scratch that factorise wants for a band of this width."""
     return BLOCK, (BLOCK + width + LANES) // LANES * LANES + LANES
+
+
+CONVERGED = 0
+NOT_CONVERGED = 1
+NOT_FINITE = 2
+NOT_DEFINITE = 3
+# of one feather in one frame, whatever the single steps say
+TOO_MUCH_WORK = 4
+# of statics in wind
+NO_REST = 5
+# of statics in wind: at rest, and another start leads to another rest pose
+SEVERAL_RESTS = 7
+# of a step that Newton has solved
+GREW = 6
+
+# Newton iterations of one feather in one frame; bakes of the samples need 3 to 100
+MAX_INTERVAL_WORK = 2000
+
+REASONS = {
+    NOT_CONVERGED: "Newton did not converge at the shortest step",
+    NOT_FINITE: "a value is not finite",
+    NOT_DEFINITE: "the linear system is not positive definite",
+    NO_REST: "it finds no rest in this wind",
+    GREW: "its energy would grow without work being done",
+}
+
+
+def reason_of(status: int, most: int = MAX_INTERVAL_WORK) -> str:
+    """Why a feather stopped, in words. most: Newton iterations that it had for a frame."""
+    if status == TOO_MUCH_WORK:
+        return f"more work than {most} Newton iterations in one frame"
+    return REASONS[status]

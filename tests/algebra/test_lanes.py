@@ -4,7 +4,8 @@ from math import ceil, sqrt
 
 import numpy as np
 
-from featherfx.algebra.lanes import (
+from featherfx.algebra.vector_kernels import arctan2, cosine, cross
+from featherfx.algebra.views import (
     chosen,
     follow,
     increase,
@@ -16,7 +17,6 @@ from featherfx.algebra.lanes import (
     transposed,
     where_there,
 )
-from featherfx.algebra.vector_kernels import arctan2, cosine, cross
 from featherfx.jit.compiled import kernel
 
 A, B = np.random.default_rng(3).uniform(0.5, 2.0, (2, 16))

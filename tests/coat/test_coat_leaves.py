@@ -8,9 +8,17 @@ from feather_kinds import feather_kind
 
 from featherfx.algebra.surface_elements import make_elements, make_stiffness, weld
 from featherfx.coat.carrier import pose_carrier
-from featherfx.coat.coat import describe_doubts, draw, grow_coat, make_plane_forms, stack
+from featherfx.coat.coat import (
+    Overlaps,
+    describe_doubts,
+    draw,
+    find_overlaps,
+    fit_ties,
+    grow_coat,
+    make_plane_forms,
+    stack,
+)
 from featherfx.coat.fields import Follicles
-from featherfx.coat.ties import Overlaps, find_overlaps, fit_ties
 from featherfx.feather.build import build_feather
 from featherfx.groom.skin.skin import closest
 from featherfx.groom.types import BarbGuide, VaneShape

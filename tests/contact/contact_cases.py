@@ -13,12 +13,13 @@ from featherfx.algebra.types import Array
 from featherfx.mechanics.model import Model, no_loads
 from featherfx.mechanics.row_kernels import node_index
 from featherfx.solver.contact.interval import ContactSolver
-from featherfx.solver.contact.interval_options import (
+from featherfx.solver.contact.types import (
+    Candidates,
     ContactReport,
     ContactSettings,
     IntervalOptions,
+    Wall,
 )
-from featherfx.solver.contact.types import Candidates, Wall
 from featherfx.solver.solver import Settings, Solver, hold_roots
 from featherfx.solver.state import State, rest_state
 

@@ -19,8 +19,7 @@ from trial_batches import at_origin, preset_batch
 
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.contact.interval import ContactSolver
-from featherfx.solver.contact.interval_options import ContactSettings, IntervalOptions
-from featherfx.solver.contact.types import Candidates
+from featherfx.solver.contact.types import Candidates, ContactSettings, IntervalOptions
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.state import RootPath, hold_roots, rest_state
 from featherfx.solver.step.integrator_kernels import integrator_of

@@ -7,7 +7,7 @@ import pytest
 from contact_cases import free_feathers, solver_of
 
 from featherfx.mechanics.model import no_loads
-from featherfx.solver.contact.interval_options import IntervalOptions
+from featherfx.solver.contact.types import IntervalOptions
 from featherfx.solver.state import hold_roots
 
 GRID = {"rows": 11, "columns": 4}

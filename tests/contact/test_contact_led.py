@@ -7,8 +7,8 @@ import pytest
 from contact_cases import THICKNESS, free_feathers, solver_of
 
 from featherfx.mechanics.model import no_loads
-from featherfx.solver.contact.interval_options import IntervalOptions, LedMotion
 from featherfx.solver.contact.surfaces import NEAR_ROOT, elastic_stiffness
+from featherfx.solver.contact.types import IntervalOptions, LedMotion
 from featherfx.solver.state import hold_roots
 
 STEP, TOLERANCE = 1.0 / 48.0, 0.1 * THICKNESS

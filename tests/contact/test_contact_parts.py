@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.contact import run
 from featherfx.solver.contact.interval import ContactSolver
-from featherfx.solver.contact.interval_options import ContactSettings, IntervalOptions
-from featherfx.solver.contact.types import Candidates
+from featherfx.solver.contact.types import Candidates, ContactSettings, IntervalOptions
 from featherfx.solver.solver import Settings, Solver, hold_roots
 
 SPEED, STEP, FEATHERS, RESTING = 0.5, 1e-3, 5, 3

@@ -12,10 +12,9 @@ from featherfx.mechanics.model import no_loads
 from featherfx.solver.contact import list_kernels
 from featherfx.solver.contact import run as run_module
 from featherfx.solver.contact.interval import ContactSolver
-from featherfx.solver.contact.interval_options import ContactSettings
 from featherfx.solver.contact.list_kernels import _gone, _note_clear, _stiffen, is_clear, residual
 from featherfx.solver.contact.search import new_touch
-from featherfx.solver.contact.types import ByBody
+from featherfx.solver.contact.types import ByBody, ContactSettings
 from featherfx.solver.state import hold_roots
 
 MASS, STIFFNESS, FRAME, TOLERANCE = 2e-6, 0.3, 1.0 / 24.0, 1e-5

@@ -9,8 +9,8 @@ import pytest
 from contact_cases import THICKNESS, free_feathers
 from scipy.spatial.transform import Rotation
 
-from featherfx.solver.contact.colour_kernels import colour_island, colour_some
 from featherfx.solver.contact.interval import neighbours
+from featherfx.solver.contact.list_kernels import colour_island, colour_some
 from featherfx.solver.contact.run import Marks, islands_before, no_colours
 from featherfx.solver.contact.search import Searcher
 from featherfx.solver.contact.search_kernels import guest_place
@@ -20,9 +20,9 @@ from featherfx.solver.contact.surfaces import (
     moving_bodies,
     no_memory,
     surfaces_of,
+    wall_of,
 )
 from featherfx.solver.contact.types import Candidates, SearchSettings
-from featherfx.solver.contact.wall import wall_of
 
 FEATHERS, MARGIN = 8, 6.0 * THICKNESS
 # what a search finds; the rest of a contact is measured later

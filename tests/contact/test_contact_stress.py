@@ -37,7 +37,7 @@ from featherfx.shot.read.read import read_shot
 from featherfx.shot.sources import TimedSurface
 from featherfx.shot.types import Motion
 from featherfx.solver.contact.interval import ContactSolver
-from featherfx.solver.contact.interval_options import PLAIN_INTERVAL, ContactReport
+from featherfx.solver.contact.types import PLAIN_INTERVAL, ContactReport
 from featherfx.solver.state import make_report
 
 HELD = Motion("hold", {})

@@ -17,7 +17,7 @@ from contact_cases import (
 )
 
 from featherfx.mechanics.model import no_loads
-from featherfx.solver.contact.wall import wall_of
+from featherfx.solver.contact.surfaces import wall_of
 from featherfx.solver.solver import hold_roots
 
 GRID = {"rows": 9, "columns": 4}

@@ -21,8 +21,7 @@ from featherfx.feather.placed_feathers import build_feathers
 from featherfx.groom.anatomy import drape
 from featherfx.groom.anatomy.bird_tracts import axes_of
 from featherfx.groom.anatomy.drape import Body
-from featherfx.groom.anatomy.pose import folded
-from featherfx.groom.anatomy.remiges import lying
+from featherfx.groom.anatomy.remiges import folded, lying
 from featherfx.groom.anatomy.wing import BENT_HEIGHT, wing_type
 from featherfx.groom.keys.anatomy import TRACTS
 from featherfx.groom.keys.problems import Place, Problems

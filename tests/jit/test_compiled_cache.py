@@ -41,7 +41,7 @@ def folder_after_change(monkeypatch):
 
 @pytest.mark.parametrize(
     "changed",
-    ["solver/step/frame_kernels.py", "mechanics/vane_membrane_kernels.py", "solver/status.py"],
+    ["solver/step/frame_kernels.py", "mechanics/vane_membrane_kernels.py", "solver/types.py"],
 )
 def test_what_a_kernel_is_made_of_counts(folder_after_change, changed):
     before, after = folder_after_change("solver/step/frame_kernels.py", changed)

@@ -13,7 +13,7 @@ from featherfx.jit.compiled import Kernel
 SUM_ROWS = """
 import sys
 import numpy as np
-from featherfx.algebra.sparse import rows_of
+from featherfx.algebra.interpolation import rows_of
 rows = rows_of(np.array([[2.0, 3.0]]), np.array([[0, 1]]))
 print((rows @ np.ones((2, 1))).item(), "featherfx.algebra.element_kernels" in sys.modules)
 """

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from featherfx.algebra.lanes import lane, spread
 from featherfx.algebra.vector_kernels import sub
+from featherfx.algebra.views import lane, spread
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.vane_bending_kernels import angles_and_openness, openness_gradient
 from featherfx.mechanics.vane_rest import CRUSHED_OPENNESS, opening

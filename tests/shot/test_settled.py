@@ -19,7 +19,7 @@ from featherfx.solver.solver import (
     hold_roots,
     limit_iterations,
 )
-from featherfx.solver.status import NO_REST
+from featherfx.solver.types import NO_REST
 
 AIR = np.array([1.2, 1.2, 0.02, 1.1])
 # across the vane; a swan primary finds no rest in the second

@@ -11,10 +11,9 @@ from featherfx.mechanics.model import no_loads
 from featherfx.solver.scratch import make_scratch
 from featherfx.solver.settle_kernels import MIXING_FRACTION, mix
 from featherfx.solver.solver import Settings, Solver
-from featherfx.solver.status import CONVERGED, NO_REST
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import load_pose
-from featherfx.solver.types import MIXING_DEPTH, IntegratorFactors, make_mixing
+from featherfx.solver.types import CONVERGED, MIXING_DEPTH, NO_REST, IntegratorFactors, make_mixing
 
 EARTH = (0.0, 0.0, -9.81)
 STILL = IntegratorFactors(0.0, 0.0, 0.0)

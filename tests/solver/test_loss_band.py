@@ -30,7 +30,7 @@ from featherfx.solver.state import hold_roots
 from featherfx.solver.step.energy_kernels import viscous_energy
 from featherfx.solver.step.modes import natural_modes
 from featherfx.solver.step.pose_kernels import add_increment, keep_pose, load_pose, place_points
-from featherfx.solver.step.relaxation_kernels import damping_over, relax, set_reference
+from featherfx.solver.step.strain_kernels import damping_over, relax, set_reference
 from featherfx.solver.types import Strains
 
 

@@ -11,7 +11,6 @@ from trial_batches import at_origin, preset_batch
 
 from featherfx.mechanics.model import expand_wind, no_loads
 from featherfx.solver.scratch import make_scratch
-from featherfx.solver.status import CONVERGED, NOT_CONVERGED
 from featherfx.solver.step.energy_kernels import EnergyBound
 from featherfx.solver.step.newton_kernels import (
     MAX_SHIFT,
@@ -36,7 +35,7 @@ from featherfx.solver.step.step_control_kernels import (
     min_step_length,
     next_step,
 )
-from featherfx.solver.types import IntegratorFactors, StepSettings
+from featherfx.solver.types import CONVERGED, NOT_CONVERGED, IntegratorFactors, StepSettings
 
 nearer, stiffer = _nearer.py_func, _stiffer.py_func
 

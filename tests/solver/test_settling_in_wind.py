@@ -10,7 +10,7 @@ from trial_batches import preset_batch
 from featherfx.mechanics.model import no_loads
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.state import rest_state
-from featherfx.solver.status import CONVERGED, NO_REST, SEVERAL_RESTS
+from featherfx.solver.types import CONVERGED, NO_REST, SEVERAL_RESTS
 
 AIR = np.array([1.2, 1.2, 0.02, 1.1])
 COUNT = 168

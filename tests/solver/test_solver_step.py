@@ -21,7 +21,7 @@ from featherfx.solver.solver import (
     hold_roots,
     raise_if_failed,
 )
-from featherfx.solver.status import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_FINITE
+from featherfx.solver.types import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_FINITE
 
 FRAME = 1.0 / 24.0
 EARTH = (0.0, 0.0, -9.81)

@@ -14,8 +14,8 @@ from featherfx.solver.solver import (
     make_scratch,
     step_settings,
 )
-from featherfx.solver.status import CONVERGED
 from featherfx.solver.step.frame_kernels import advance_feathers
+from featherfx.solver.types import CONVERGED
 
 FRAME = 1.0 / 24.0
 # iterations that the step takes from the rigidly moved pose, and fewer

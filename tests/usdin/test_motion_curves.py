@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import featherfx
 from featherfx.errors import InputError
-from featherfx.files.content import settings_digest, shot_settings
+from featherfx.files.disk_cache import settings_digest, shot_settings
 from featherfx.shot.motion.joint_tracks import find_tracks
 
 STAGE = """#usda 1.0

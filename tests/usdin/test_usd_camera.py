@@ -10,7 +10,7 @@ from usdin_scenes import new_stage, rigid
 
 from featherfx.api import read_shot
 from featherfx.errors import InputError
-from featherfx.files.content import shot_settings
+from featherfx.files.disk_cache import shot_settings
 from featherfx.shot.sources import relative_sizes
 
 SAMPLE = SAMPLES / "swan_wing" / "shot.toml"

@@ -14,8 +14,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array
 from featherfx.algebra.vectors import from_rotation_vector
-from featherfx.groom.anatomy.pose import folded
-from featherfx.groom.anatomy.remiges import Remiges, frames_at, lying, plan_axes, remiges_of
+from featherfx.groom.anatomy.remiges import Remiges, folded, frames_at, lying, plan_axes, remiges_of
 from featherfx.groom.anatomy.sheet import Sheet, envelope_of, nearest_sheet
 from featherfx.groom.keys.anatomy import WingType
 from featherfx.groom.skin.field import search_tree

@@ -19,21 +19,19 @@ import numpy as np
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import applied, from_rotation_vector, motions, screws_of, unit
 from featherfx.errors import InputWarning, all_of, count_feathers
-from featherfx.groom.anatomy.pose import (
-    MAX_SLANT,
-    FoldedRow,
-    WingBones,
-    as_placed,
-    folded,
-    marks_of,
-)
 from featherfx.groom.anatomy.remiges import (
+    MAX_SLANT,
     REMEX_ROWS,
+    FoldedRow,
     Remiges,
+    WingBones,
     along,
+    as_placed,
     curvature_of,
     depths,
+    folded,
     frames_at,
+    marks_of,
     remiges_of,
     sheet_of,
     spread_evenly,

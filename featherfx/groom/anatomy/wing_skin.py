@@ -18,8 +18,7 @@ from numpy.polynomial import chebyshev
 
 from featherfx.algebra.types import Array
 from featherfx.algebra.vectors import face_products, frames_from, unit
-from featherfx.groom.anatomy.pose import WingBones
-from featherfx.groom.anatomy.remiges import Remiges, frames_at
+from featherfx.groom.anatomy.remiges import Remiges, WingBones, frames_at
 from featherfx.groom.skin.field import search_tree
 
 _DEGREES = 6, 2  # along the wing, which bends at each joint, and across, which is cambered

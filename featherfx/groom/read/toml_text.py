@@ -17,7 +17,7 @@ from typing import Any
 
 from featherfx.errors import InputError, Problem, as_sentence
 from featherfx.files.atomic_write import write_text
-from featherfx.files.content import digest
+from featherfx.files.disk_cache import digest
 from featherfx.limits import irregular
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")

@@ -57,7 +57,6 @@ from featherfx.mechanics.rachis_kernels import rachis_gradient
 from featherfx.mechanics.row_kernels import copy_points, node_index
 from featherfx.mechanics.vane_guard_kernels import guard_slopes
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_normal_stiffness
-from featherfx.solver.status import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_FINITE
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
 from featherfx.solver.step.newton_kernels import (
     MAX_LINE_SEARCH_TRIALS,
@@ -66,6 +65,7 @@ from featherfx.solver.step.newton_kernels import (
     largest_move,
 )
 from featherfx.solver.step.pose_kernels import chain, rotate_by, store_directors
+from featherfx.solver.types import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_FINITE
 from featherfx.solver.vane.line_kernels import cell_nodes
 
 

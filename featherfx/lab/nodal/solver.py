@@ -39,9 +39,8 @@ from featherfx.solver.settle_kernels import (
 )
 from featherfx.solver.solver import HARD_STEP_WORK, RootPath, Settings, StepReport, step_settings
 from featherfx.solver.state import make_report
-from featherfx.solver.status import CONVERGED
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
-from featherfx.solver.types import IntegratorFactors
+from featherfx.solver.types import CONVERGED, IntegratorFactors
 
 
 class NodalState(NamedTuple):
@@ -307,7 +306,7 @@ def nodal_start(
 ) -> None:
     """Set the accelerations of feather f, in place, to those that its loads give at rest.
 
-    As start_acceleration of featherfx/solver/step/start_kernels.py; duration: s.
+    As start_acceleration of featherfx/solver/step/step_control_kernels.py; duration: s.
     """
     square = duration**2
     nodal_system(model, nodal, loads, f, 1.0 / square, state, work)

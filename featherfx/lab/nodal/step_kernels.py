@@ -22,7 +22,6 @@ from featherfx.lab.nodal.newton_kernels import Minimiser, gather, nodal_minimise
 from featherfx.mechanics.air_kernels import blow_step
 from featherfx.mechanics.row_kernels import copy_points, points_of
 from featherfx.solver.state import RootPath
-from featherfx.solver.status import CONVERGED
 from featherfx.solver.step.energy_kernels import EnergyBound
 from featherfx.solver.step.integrator_kernels import (
     EULER,
@@ -35,7 +34,6 @@ from featherfx.solver.step.integrator_kernels import (
 )
 from featherfx.solver.step.newton_kernels import UNKNOWN_CONVERGENCE
 from featherfx.solver.step.pose_kernels import root_at, rotate_by
-from featherfx.solver.step.relaxation_kernels import damping_over, relax, set_reference
 from featherfx.solver.step.step_control_kernels import (
     EXTRAPOLATE,
     FOLLOW_ROOT,
@@ -49,7 +47,8 @@ from featherfx.solver.step.step_control_kernels import (
     next_step,
     record_failure,
 )
-from featherfx.solver.types import IntegratorFactors, StepSettings
+from featherfx.solver.step.strain_kernels import damping_over, relax, set_reference
+from featherfx.solver.types import CONVERGED, IntegratorFactors, StepSettings
 
 # beside the ways of solver/step/step_control_kernels.py: start at the last pose
 _STAY = -1

@@ -18,8 +18,6 @@ within the vane are about the normals of the rows, rolls about their tangents.
 from math import atan2, cos, sin, sqrt
 from typing import NamedTuple
 
-from featherfx.algebra.lanes import COUNT as LANES
-from featherfx.algebra.lanes import load, put, transposed
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vector_kernels import (
     add,
@@ -32,6 +30,8 @@ from featherfx.algebra.vector_kernels import (
     store,
     sub,
 )
+from featherfx.algebra.views import COUNT as LANES
+from featherfx.algebra.views import load, put, transposed
 from featherfx.coat.coat import PlaneForms
 from featherfx.coat.leaf_kernels import leaf_point, rounded, unit, without
 from featherfx.jit.compiled import kernel

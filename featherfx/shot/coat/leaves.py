@@ -29,14 +29,14 @@ from typing import Any
 
 import numpy as np
 
-from featherfx.algebra.lanes import COUNT as LANES
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots, face_products, unit
+from featherfx.algebra.views import COUNT as LANES
 from featherfx.coat.carrier import Carrier, pose_carrier
-from featherfx.coat.ceiling import find_ceiling, limit_rises
 from featherfx.coat.coat import Coat, draw, make_plane_forms, share_out
 from featherfx.coat.fields import SkinMeans, SkinPlaces
 from featherfx.coat.leaf_kernels import HINGE, CarrierArrays
+from featherfx.coat.sheets import find_ceiling, limit_rises
 from featherfx.feather.build import build_plane_feathers
 from featherfx.feather.leaves import plane_forms
 from featherfx.feather.types import Feather, RowPoints, both, stacked

@@ -17,11 +17,11 @@ from featherfx.shot.roots import NO_RUN_UP, RunUp
 from featherfx.shot.skin import BoundSkin
 from featherfx.shot.sources import TimedSurface
 from featherfx.shot.types import Shot
+from featherfx.solver.contact.surfaces import wall_of
 from featherfx.solver.contact.types import Array, GroundSurface, Indices, SkinMesh, Wall
-from featherfx.solver.contact.wall import wall_of
 from featherfx.solver.state import State
 
-ground_kernels = KernelModule("featherfx.solver.contact.ground_kernels")
+wall_kernels = KernelModule("featherfx.solver.contact.wall_kernels")
 
 # distance at rest, over a feather's length, from which on a node is not held off the skin
 NEAR = 0.3
@@ -79,7 +79,7 @@ def _over(rest: Array, given: Indices, points: Array, up: Array) -> dict[str, An
         a, b, c = (rest[triangles[near, k]] for k in range(3))
         fits = np.einsum("pik,pk->pi", np.cross(b - a, c - a), up[facing]) > 0.0
         triangle[facing] = near[np.arange(len(facing)), fits.argmax(axis=1)]
-    ground_kernels.bind_nodes(points, rest, mesh, triangle, height)
+    wall_kernels.bind_nodes(points, rest, mesh, triangle, height)
     return {**mesh._asdict(), "triangle": triangle, "height": height}
 
 

@@ -33,12 +33,17 @@ from featherfx.shot.loop.free_group import skip_frame
 from featherfx.shot.options import ShotOptions
 from featherfx.shot.types import Shot
 from featherfx.solver.contact.interval import ContactSolver
-from featherfx.solver.contact.interval_options import ContactReport, ContactSettings
 from featherfx.solver.contact.surfaces import grids_of, surfaces_of
-from featherfx.solver.contact.types import GROWN_IN, Candidates, ContactMemory
+from featherfx.solver.contact.types import (
+    GROWN_IN,
+    Candidates,
+    ContactMemory,
+    ContactReport,
+    ContactSettings,
+)
 from featherfx.solver.solver import Solver, StepReport
 from featherfx.solver.state import LARGEST_FIGURES, RootPath, State
-from featherfx.solver.status import MAX_INTERVAL_WORK
+from featherfx.solver.types import MAX_INTERVAL_WORK
 
 LoadsOf = Callable[[float, float], Sequence[Loads]]
 PathsOf = Callable[[float, float], Sequence[RootPath]]

@@ -21,7 +21,7 @@ from featherfx.mechanics.model import Loads
 from featherfx.shot.contact.bodies import Bodies
 from featherfx.shot.contact.steps import StepRules, StepSpan
 from featherfx.solver.contact.interval import ContactSolver
-from featherfx.solver.contact.interval_options import (
+from featherfx.solver.contact.types import (
     MAX_CONTACT_ITERATIONS,
     ContactReport,
     IntervalOptions,

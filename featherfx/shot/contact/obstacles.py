@@ -25,8 +25,8 @@ from featherfx.shot.loop.groups import FeatherGroup, maps_between, model_of
 from featherfx.shot.options import FeatherOptions, ShotOptions
 from featherfx.shot.roots import RootFrames, Roots, arrived
 from featherfx.shot.types import Shot
-from featherfx.solver.contact.interval_options import LedMotion
 from featherfx.solver.contact.surfaces import Grids
+from featherfx.solver.contact.types import LedMotion
 from featherfx.solver.solver import RootPath, Solver, hold_roots
 from featherfx.solver.state import State, rest_state
 

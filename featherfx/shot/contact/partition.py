@@ -29,7 +29,7 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError, Problem, warn_input
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import Feather
-from featherfx.files.content import digest
+from featherfx.files.disk_cache import digest
 from featherfx.mechanics.batch import may_slip
 from featherfx.shot.contact.pairs import PAIR_REACH_RATIO, joined, meeting
 from featherfx.shot.detail.guides import guide_weights, uses_guides

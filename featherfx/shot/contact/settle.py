@@ -36,8 +36,8 @@ from featherfx.shot.contact.bodies import Bodies
 from featherfx.shot.contact.local_retry import EASY
 from featherfx.shot.contact.obstacles import Obstacles
 from featherfx.solver.contact.interval import ContactSolver
-from featherfx.solver.contact.interval_options import ContactReport, IntervalOptions, LedMotion
 from featherfx.solver.contact.surfaces import Grids
+from featherfx.solver.contact.types import ContactReport, IntervalOptions, LedMotion
 from featherfx.solver.solver import raise_if_failed
 from featherfx.solver.state import RootPath, State, hold_roots, rest_state
 

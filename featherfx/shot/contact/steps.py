@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags
-from featherfx.solver.contact.interval_options import ContactReport
+from featherfx.solver.contact.types import ContactReport
 from featherfx.solver.solver import StepReport, raise_if_failed
 from featherfx.solver.state import State
-from featherfx.solver.status import TOO_MUCH_WORK
+from featherfx.solver.types import TOO_MUCH_WORK
 
 # what a step that cannot be solved is cut to at the least, over the shortest regular one
 SMALLEST = 1.0 / 16.0

@@ -37,8 +37,7 @@ from featherfx.algebra.surface_elements import weld
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import distinct
 from featherfx.errors import InputError, Problem
-from featherfx.files.content import digest
-from featherfx.files.disk_cache import kept
+from featherfx.files.disk_cache import digest, kept
 from featherfx.groom.skin.field import search_tree
 from featherfx.groom.skin.skin import closest
 from featherfx.limits import refuse_beyond_memory

@@ -41,8 +41,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError, SimulationError
-from featherfx.files.content import digest, shot_settings
-from featherfx.files.disk_cache import keep, kept, kept_before, nothing_kept
+from featherfx.files.disk_cache import digest, keep, kept, kept_before, nothing_kept, shot_settings
 from featherfx.jit.compile_progress import working_time
 from featherfx.mechanics.batch import may_slip
 from featherfx.phases import phase

@@ -21,8 +21,7 @@ import numpy as np
 
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import SimulationError
-from featherfx.files.content import digest, shot_settings
-from featherfx.files.disk_cache import kept, nothing_kept
+from featherfx.files.disk_cache import digest, kept, nothing_kept, shot_settings
 from featherfx.shot.loads import estimate_deflections, estimate_loads
 from featherfx.shot.loop.run import drawn_feathers, report_errors
 from featherfx.shot.loop.window_runs import (

@@ -39,7 +39,7 @@ from featherfx.shot.motion.motion import root_path
 from featherfx.shot.roots import RootFrames, Roots
 from featherfx.solver.solver import Solver, overload_describer, raise_if_failed
 from featherfx.solver.state import RootPath, State, hold_roots
-from featherfx.solver.status import NO_REST, SEVERAL_RESTS
+from featherfx.solver.types import NO_REST, SEVERAL_RESTS
 
 # s of motion before the first frame, and of one of its intervals
 PRE_ROLL, INTERVAL = 0.5, 1.0 / 24.0

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from featherfx.algebra.types import Indices
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import Feather
-from featherfx.files.content import settings_digest
-from featherfx.files.disk_cache import kept
+from featherfx.files.disk_cache import kept, settings_digest
 from featherfx.mechanics.batch import barb_course, has_elastic_clamp
 from featherfx.mechanics.model import Loads
 from featherfx.packages import brought, load_name

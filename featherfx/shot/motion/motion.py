@@ -19,7 +19,7 @@ from featherfx.algebra.interpolation import eased
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import dots, frames_to_quats, rotation_vectors, vectors_to_frames
 from featherfx.feather.placed_feathers import build_feathers
-from featherfx.files.content import digest, digests, members
+from featherfx.files.disk_cache import digest, digests, members
 from featherfx.groom.keys.preset import UNSCALED_CLOCK, Clock
 from featherfx.groom.types import Placement
 from featherfx.mechanics.batch import is_guarded

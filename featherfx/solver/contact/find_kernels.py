@@ -17,7 +17,7 @@ from featherfx.solver.contact.clearance_kernels import (
     way_between,
 )
 from featherfx.solver.contact.list_kernels import host_place, triangle_normal
-from featherfx.solver.contact.room_kernels import is_above, is_near, is_off, room_of
+from featherfx.solver.contact.meeting_kernels import is_above, is_near, is_off, room_of
 from featherfx.solver.contact.search_kernels import (
     boxes_apart,
     closest_point,

@@ -19,12 +19,6 @@ from featherfx.algebra.vectors import distinct
 from featherfx.files.process import limit_threads
 from featherfx.jit.compiled import KernelModule
 from featherfx.mechanics.model import Loads
-from featherfx.solver.contact.interval_options import (
-    PLAIN_INTERVAL,
-    ContactReport,
-    ContactSettings,
-    IntervalOptions,
-)
 from featherfx.solver.contact.run import (
     BatchRun,
     RoundRules,
@@ -47,13 +41,17 @@ from featherfx.solver.contact.surfaces import (
     surfaces_of,
 )
 from featherfx.solver.contact.types import (
+    PLAIN_INTERVAL,
     Array,
     ByBody,
     Candidates,
     ContactMemory,
+    ContactReport,
+    ContactSettings,
     GroundSurface,
     HandoverRules,
     Indices,
+    IntervalOptions,
     SearchSettings,
     Wall,
 )

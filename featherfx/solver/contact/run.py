@@ -17,8 +17,7 @@ from featherfx.algebra.views import ViewedTuples, Views, views_of
 from featherfx.files.process import limit_threads
 from featherfx.jit.compiled import KernelModule
 from featherfx.mechanics.model import Contacts, Loads, expand_wind
-from featherfx.solver.contact.state_rooms import StateBuffers, put
-from featherfx.solver.contact.surfaces import Grids
+from featherfx.solver.contact.surfaces import Grids, StateBuffers, put
 from featherfx.solver.contact.types import ByBody, HandoverRules, JointForces
 from featherfx.solver.scratch import make_matrices, make_scratch
 from featherfx.solver.solver import (

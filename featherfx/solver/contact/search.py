@@ -31,7 +31,6 @@ from featherfx.solver.contact.types import (
 )
 
 find_kernels = KernelModule("featherfx.solver.contact.find_kernels")
-ground_kernels = KernelModule("featherfx.solver.contact.ground_kernels")
 list_kernels = KernelModule("featherfx.solver.contact.list_kernels")
 wall_kernels = KernelModule("featherfx.solver.contact.wall_kernels")
 
@@ -208,7 +207,7 @@ class Searcher:
                 k, bit = number * pieces + piece, 1 << WALL_BITS * min(number, _MAX_WALLS)
                 find = wall_kernels.find_wall_contacts
                 if isinstance(wall, GroundSurface):
-                    find = ground_kernels.find_ground_contacts
+                    find = wall_kernels.find_ground_contacts
                 while True:
                     counts[k] = find(wall, bit, search, free, low, high, self._on_walls[k])
                     if counts[k] <= len(self._on_walls[k]):

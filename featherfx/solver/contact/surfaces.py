@@ -2,28 +2,95 @@
 
 Feathers of several grids stand side by side, their points on the widest grid of all; points that a
 smaller grid lacks stay zero, and no surface has them.
+
+Memory for the states of some batches, and views of it.
+
+To tell where every array of a state lies takes Python longer than feathers of a small shot take to
+solve, so only what differs from one room to the next is asked for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from featherfx.algebra.types import Flags
+from featherfx.algebra.views import Views, views_of
 from featherfx.feather.types import barb_slice
+from featherfx.jit.compiled import KernelModule
 from featherfx.mechanics.model import Model
 from featherfx.solver.contact.types import (
     RIM_SAMPLES,
     Array,
     Bytes,
     ContactMemory,
+    CubeGrid,
     Indices,
     MovingBodies,
     VaneSurfaces,
+    Wall,
 )
 from featherfx.solver.state import State
+
+
+class StateBuffer(NamedTuple):
+    """States of all batches, views of them and of their rows of numbers, one for each feather."""
+
+    states: list[State]
+    views: Views
+    rows: Views
+
+
+class StateBuffers:
+    """Makes room for states that are like some, one per batch. before: a room to be written over
+    again and again."""
+
+    def __init__(self, like: Sequence[State]) -> None:
+        arrays = [list(state.arrays().items()) for state in like]
+        self._forms = [[(name, each.shape, each.dtype) for name, each in some] for some in arrays]
+        self._whole = views_of(like).views
+        self._rows = views_of([_rows(state) for state in like]).views
+        # a view has the address of each array, and behind it its shape and strides
+        self._at_whole = _addresses([each.ndim for _, each in arrays[0]])
+        self._at_rows = _addresses([2 for _ in arrays[0]])
+        self.before = self.made(np.zeros)
+
+    def made(self, new: Callable[..., Any]) -> StateBuffer:
+        """A room of arrays as np.empty or np.zeros makes them."""
+        states = [
+            State.from_arrays({name: new(shape, dtype) for name, shape, dtype in forms})
+            for forms in self._forms
+        ]
+        addresses = [[each.ctypes.data for each in state.arrays().values()] for state in states]
+        whole, rows = self._whole.words.copy(), self._rows.words.copy()
+        whole[:, self._at_whole] = rows[:, self._at_rows] = addresses
+        return StateBuffer(
+            states, self._whole._replace(words=whole), self._rows._replace(words=rows)
+        )
+
+
+def put(given: State, state: State, some: Flags) -> None:
+    """Copy some feathers (F,) of a state into another, in place."""
+    whole, arrays = bool(some.all()), given.arrays()
+    for name, array in state.arrays().items():
+        if whole:
+            array[...] = arrays[name]
+        else:
+            array[some] = arrays[name][some]
+
+
+def _addresses(dimensions: Sequence[int]) -> NDArray[np.int64]:
+    return np.cumsum([0, *(1 + 2 * each for each in dimensions[:-1])])
+
+
+def _rows(state: State) -> tuple[Array, ...]:
+    """All arrays of a state, a row of numbers per feather."""
+    return tuple(array.reshape(len(array), -1) for array in state.arrays().values())
+
 
 # FIT for a wall, which does not yield, over that of the node
 WALL_FIT = 2.0
@@ -256,4 +323,47 @@ def no_memory(surfaces: VaneSurfaces) -> ContactMemory:
         wall=np.zeros(surfaces.guests.shape),
         inside=np.zeros(surfaces.guests.shape, dtype=np.int64),
         surprise=np.full(len(surfaces.far), np.inf),
+    )
+
+
+wall_kernels = KernelModule("featherfx.solver.contact.wall_kernels")
+
+_MAX_CUBES = 200_000
+
+
+def wall_of(
+    start: Array,
+    end: Array,
+    triangles: Indices,
+    reach: float,
+    beginning: bool = False,
+    is_open: bool = False,
+) -> Wall:
+    """The wall of a mesh (V, 3), m, with triangles (T, 3).
+
+    reach: m, distance at which its triangles are found; at least the way of a node against the
+    wall in the interval. beginning: whether nodes inside are to be left alone until they come out.
+    is_open: whether it is a sheet, which has the side on which a node comes.
+    """
+    corners = start[triangles]
+    low = corners.min(axis=(0, 1)) - reach
+    size = corners.max(axis=(0, 1)) + reach - low
+    edges = np.linalg.norm(np.roll(corners, 1, axis=1) - corners, axis=2)
+    edge = max(float(np.median(edges)), reach, float(np.prod(size) / _MAX_CUBES) ** (1.0 / 3.0))
+    cubes = np.maximum(np.ceil(size / edge), 1.0).astype(np.int64)
+    grid = CubeGrid(low, edge, float(reach), cubes)
+    counts = np.zeros(int(cubes.prod()), dtype=np.int64)
+    wall_kernels.count_cells(start, triangles, grid, counts)
+    first = np.concatenate([[0], np.cumsum(counts)])
+    items = np.zeros(int(first[-1]), dtype=np.int64)
+    wall_kernels.fill_cells(start, triangles, grid, first[:-1].copy(), items)
+    return Wall(
+        np.ascontiguousarray(start, dtype=float),
+        np.ascontiguousarray(end, dtype=float),
+        np.ascontiguousarray(triangles, dtype=np.int64),
+        grid,
+        first,
+        items,
+        int(beginning),
+        int(is_open),
     )

@@ -16,10 +16,11 @@ from featherfx.algebra.thread_team import forget_tickets, meet, say_done, ticket
 from featherfx.algebra.vector_kernels import copy_values
 from featherfx.algebra.views import viewed
 from featherfx.jit.compiled import kernel
-from featherfx.solver.contact.colour_kernels import colour_island, colour_some
 from featherfx.solver.contact.joint_kernels import choose_forces, find_weights, solve_forces
 from featherfx.solver.contact.list_kernels import (
     closed_on_led,
+    colour_island,
+    colour_some,
     hand_out,
     hand_out_together,
     is_pressed,
@@ -34,8 +35,7 @@ from featherfx.solver.contact.types import HandoverRules
 from featherfx.solver.scratch import SolverScratch, StoredMatrix
 from featherfx.solver.step.frame_kernels import advance_feather
 from featherfx.solver.step.newton_kernels import MAX_REUSE_ITERATIONS
-from featherfx.solver.step.start_kernels import start_acceleration
-from featherfx.solver.step.step_control_kernels import scale_settings
+from featherfx.solver.step.step_control_kernels import scale_settings, start_acceleration
 
 # length of the last step of a feather that has none, but its first acceleration
 _BEGUN = -1.0

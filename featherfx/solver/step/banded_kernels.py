@@ -22,10 +22,9 @@ secants: (MAX_SECANT_PAIRS, 3, N), of each pair s, y, and in the third row a and
 
 from math import sqrt
 
-from featherfx.algebra.lanes import COUNT as LANES
-from featherfx.algebra.lanes import load, put, spread
 from featherfx.algebra.vector_kernels import add_scaled, copy_values, product
-from featherfx.algebra.views import shaped
+from featherfx.algebra.views import COUNT as LANES
+from featherfx.algebra.views import load, put, shaped, spread
 from featherfx.jit.compiled import kernel, loop_kernel, shared_kernel
 from featherfx.solver.types import BLOCK
 

@@ -4,9 +4,9 @@ Every strain s has a stiffness k and, where the material is damped, a reference 
 
     W = sum 1/2 k s^2 + 1/2 k q (s - s_r)^2
 
-(relaxation_kernels; s measured from rest). Those of a hinge are angles, of which the elastic part
+(strain_kernels; s measured from rest). Those of a hinge are angles, of which the elastic part
 knows the fold alone, and their energy is multiplied by the square of its openness
-(vane_bending_kernels). The rest is in node_kernels, contact_kernels and row_kernels.
+(vane_bending_kernels). The rest is in node_kernels and contact_kernels.
 
 Energy of a feather that is left alone: no step may end with more of it than it began with.
 
@@ -53,8 +53,7 @@ from featherfx.mechanics.vane_hook_kernels import (
     twist_hold,
 )
 from featherfx.solver.step.integrator_kernels import DIRECTOR_POINTS, NODE_POINTS, motion_of
-from featherfx.solver.step.relaxation_kernels import difference_rate
-from featherfx.solver.step.strain_kernels import strains_at
+from featherfx.solver.step.strain_kernels import difference_rate, strains_at
 
 
 @kernel

@@ -21,7 +21,6 @@ from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.air_kernels import blow_step
 from featherfx.mechanics.row_kernels import points_of
 from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of, never_slip
-from featherfx.solver.status import CONVERGED, GREW, NOT_CONVERGED, TOO_MUCH_WORK
 from featherfx.solver.step.energy_kernels import (
     begin_bound,
     bound_step,
@@ -65,12 +64,6 @@ from featherfx.solver.step.pose_kernels import (
     root_at,
     rotate_by,
 )
-from featherfx.solver.step.relaxation_kernels import (
-    damping_over,
-    relax_strains,
-    set_reference_strains,
-)
-from featherfx.solver.step.start_kernels import start_acceleration
 from featherfx.solver.step.step_control_kernels import (
     EXTRAPOLATE,
     FOLLOW_ROOT,
@@ -89,10 +82,17 @@ from featherfx.solver.step.step_control_kernels import (
     next_step,
     record_failure,
     scale_settings,
+    start_acceleration,
     work_after_failure,
 )
-from featherfx.solver.step.strain_kernels import copy_strains, strains_at
-from featherfx.solver.types import IntegratorFactors
+from featherfx.solver.step.strain_kernels import (
+    copy_strains,
+    damping_over,
+    relax_strains,
+    set_reference_strains,
+    strains_at,
+)
+from featherfx.solver.types import CONVERGED, GREW, NOT_CONVERGED, TOO_MUCH_WORK, IntegratorFactors
 
 # of where Newton ends for a held feather, where it ends for one that flies
 _FREE_TOLERANCE_RATIO = 0.1

@@ -36,7 +36,6 @@ from typing import NamedTuple
 from featherfx.algebra.vector_kernels import copy_values
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.row_kernels import copy_points
-from featherfx.solver.status import CONVERGED, NOT_CONVERGED, NOT_DEFINITE, NOT_FINITE
 from featherfx.solver.step.active_contact_kernels import (
     add_contacts_to_matrix,
     followed_contacts,
@@ -61,8 +60,12 @@ from featherfx.solver.step.pose_kernels import (
 )
 from featherfx.solver.step.strain_kernels import copy_strains
 from featherfx.solver.types import (
+    CONVERGED,
     FORCES_ONLY,
     MAX_SECANT_PAIRS,
+    NOT_CONVERGED,
+    NOT_DEFINITE,
+    NOT_FINITE,
     STABILISING_STIFFNESS,
     WHOLE_STIFFNESS,
 )

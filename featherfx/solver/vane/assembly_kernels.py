@@ -7,9 +7,9 @@ contiguous numbers, axis by axis and node by node, S of them an axis: the m + 1 
 0 being the rachis point, and zeros up to a multiple of four.
 """
 
-from featherfx.algebra.lanes import COUNT as LANES
-from featherfx.algebra.lanes import increase, lane, load, put, spread, totals
 from featherfx.algebra.vector_kernels import add, combined, cross, scale
+from featherfx.algebra.views import COUNT as LANES
+from featherfx.algebra.views import increase, lane, load, put, spread, totals
 from featherfx.jit.compiled import kernel, loop_kernel, shared_kernel
 from featherfx.mechanics.barb_kernels import add_barb_forces, barb_tensions
 from featherfx.mechanics.row_kernels import node_index

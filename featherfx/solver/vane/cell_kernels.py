@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.lanes import COUNT as LANES
-from featherfx.algebra.lanes import load, put, spread, transposed, where_there
+from featherfx.algebra.views import COUNT as LANES
+from featherfx.algebra.views import load, put, spread, transposed, where_there
 from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.mechanics.vane_guard_kernels import guard_slopes, is_apart
 from featherfx.mechanics.vane_hook_kernels import GapRow, gap_of, gap_response, holds

@@ -8,9 +8,9 @@ stays so. All that is found of LANES cells or hinges lies together, number by nu
 next ones after it, so that every place is known when kernels are compiled.
 """
 
-from featherfx.algebra.lanes import COUNT as LANES
-from featherfx.algebra.lanes import load, put, where_there
 from featherfx.algebra.vector_kernels import sub
+from featherfx.algebra.views import COUNT as LANES
+from featherfx.algebra.views import load, put, where_there
 from featherfx.jit.compiled import kernel, loop_kernel
 from featherfx.mechanics.vane_bending_kernels import hinge_slopes
 from featherfx.mechanics.vane_membrane_kernels import membrane_slopes

@@ -11,9 +11,9 @@ below, on it, and on the one above (line_kernels). Blocks are (3, 3 S), entry [m
 a pair of line_kernels.
 """
 
-from featherfx.algebra.lanes import COUNT as LANES
-from featherfx.algebra.lanes import follow, load, put, spread
 from featherfx.algebra.vector_kernels import add, scale
+from featherfx.algebra.views import COUNT as LANES
+from featherfx.algebra.views import follow, load, put, spread
 from featherfx.jit.compiled import loop_kernel
 from featherfx.solver.types import (
     AXIS_SIZE,

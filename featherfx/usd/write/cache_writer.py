@@ -25,7 +25,6 @@ from featherfx.usd.types import (
     refuse_unfit_usd,
 )
 from featherfx.usd.write.chunks import AnimatedPrims, ChunkWriter, WrittenChunk, assemble_cache
-from featherfx.usd.write.define import define_prims
 from featherfx.usd.write.layers import StageInfo, new_layers
 from featherfx.usd.write.options import BY_FEATHER, CHUNK_FRAMES, GROUPINGS, UP_AXES, WriteOptions
 from featherfx.usd.write.output import (
@@ -40,6 +39,7 @@ from featherfx.usd.write.output import (
 )
 from featherfx.usd.write.posed_groups import PosedGroup
 from featherfx.usd.write.poses import PosedFeather, make_posed_feathers
+from featherfx.usd.write.prims import define_prims
 from featherfx.usd.write.unfinished_cache import Parts, Save, list_unfinished_bakes
 
 if TYPE_CHECKING:

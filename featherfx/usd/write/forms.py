@@ -25,7 +25,7 @@ from featherfx.feather.colours import at_nodes, colour_feather, shading_of, unif
 from featherfx.feather.detail import ThinnedGrid, choose_rows_and_nodes, detail_of
 from featherfx.feather.types import LEADING, TRAILING, Array, Feather, RowPoints, barb_slice
 from featherfx.files.atomic_write import standing
-from featherfx.files.content import stable_number
+from featherfx.files.disk_cache import stable_number
 from featherfx.groom.materials import colour_text, look_text
 from featherfx.groom.types import Placement
 from featherfx.shot.frames import place

@@ -30,7 +30,7 @@ from typing import Any
 
 from featherfx.errors import Problem
 from featherfx.files.atomic_write import Lock, remove_leftovers, temporary_of, write_text
-from featherfx.files.content import settings_digest
+from featherfx.files.disk_cache import settings_digest
 from featherfx.usd.types import BUSY_MESSAGE, BusyError, OutputError
 from featherfx.usd.write.output import output_files, parts_folder
 
