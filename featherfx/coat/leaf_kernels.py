@@ -9,8 +9,9 @@ r raises feathers about their roots, a bends them up, c lifts the feather's own 
 about the rachis: a point beside that lies higher by its distance times the roll.
 
 x lies on the carrier rounded over its facets (Phong tessellation, Boubekeur and Alexa 2008). A line
-over the carrier keeps its direction in the plane of the smoothed normals, which turn steadily from
-triangle to triangle. A chord's line is drawn anew until the chord has its length.
+over the carrier keeps its direction d in the plane of the smoothed normals n, which turn steadily
+from triangle to triangle; over one with the normal m it goes along (d x n) x m, onto the next one
+whichever way that lies. A chord's line is drawn anew until the chord has its length.
 
 Directions are unit vectors square to n. Feet are a triangle and a 3-tuple of barycentric
 coordinates. A line that leaves the carrier at a border, or past the end of its flow, goes straight
@@ -113,9 +114,12 @@ def trace(carrier, triangle, b, d, way):
 
     Returns the foot, the direction there, and what is left of the way at a border.
     """
-    entry = -1
+    entry, n = -1, unit(_mixed(b, carrier.vertices, carrier.faces[triangle], _NORMAL))
     for _ in range(_MAX_TRIANGLES):
-        own = unit(without(d, carrier.planes[triangle]))
+        m = carrier.planes[triangle]
+        m = m[0], m[1], m[2]
+        # the plane of d and n cuts the triangle so, and leads back where this lies upside down
+        own = unit(combined(dot(n, m), d, -dot(d, m), n))
         hats = carrier.gradients[triangle]
         rates = dot(hats[0], own), dot(hats[1], own), dot(hats[2], own)
         least, leaving = way, -1
@@ -133,7 +137,8 @@ def trace(carrier, triangle, b, d, way):
         b = over(b, b[0] + b[1] + b[2])
         way -= least
         face = carrier.faces[triangle]
-        d = unit(without(d, unit(_mixed(b, carrier.vertices, face, _NORMAL))))
+        n = unit(_mixed(b, carrier.vertices, face, _NORMAL))
+        d = unit(without(d, n))
         if leaving < 0:
             return triangle, b, d, 0.0
         other = carrier.neighbours[triangle, leaving]

@@ -19,6 +19,7 @@ from featherfx.coat.coat import (
     stack,
 )
 from featherfx.coat.fields import Follicles
+from featherfx.coat.leaf_kernels import trace
 from featherfx.feather.build import build_feather
 from featherfx.groom.skin.skin import closest
 from featherfx.groom.types import BarbGuide, VaneShape
@@ -245,6 +246,25 @@ def test_feathers_go_straight_on_over_a_border():
     assert drawn.nodes[:, -1, 0, 0].min() > 0.225 + 0.95 * LENGTH
     tips = drawn.nodes[:, -1, 0] - drawn.nodes[:, -3, 0]
     assert np.degrees(np.arcsin(tips[:, 2] / np.linalg.norm(tips, axis=1))).max() < 10.0
+
+
+@pytest.mark.parametrize("y", np.linspace(0.0521, 0.0679, 9))
+def test_a_line_goes_straight_on_over_triangles_that_lie_upside_down(y):
+    """As meshes from volumes have some: there it goes back, and then on as before."""
+    coat = coat_on(*FLAT)
+    points = coat.rest.points.copy()
+    middle = np.linalg.norm(points - [0.12, 0.06, points[0, 2]], axis=1).argmin()
+    points[middle] += [0.0055, 0.0007, 1e-5]  # of edges 4 mm by 3 mm
+    elements = make_elements(points, coat.mesh.faces)
+    assert (elements.normals[:, 2] < 0.0).sum() > 1
+    arrays = coat.arrays(replace(coat.rest, points=points, elements=elements))
+    triangle, place = closest(np.array([[0.11, y, points[0, 2]]]), points[coat.mesh.faces])
+    there, b, d, left = trace(arrays, triangle[0], tuple(place[0]), (1.0, 0.0, 0.0), 0.03)
+    end = np.array(b) @ points[coat.mesh.faces[there]]
+    np.testing.assert_allclose(end[1], y, atol=2e-5)
+    assert 0.13 < end[0] < 0.1401
+    assert left == 0.0
+    np.testing.assert_allclose(d, [1.0, 0.0, 0.0], atol=2e-2)
 
 
 def test_a_flow_that_meets_itself_is_reported_with_its_place():

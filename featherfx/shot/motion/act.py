@@ -17,13 +17,15 @@ Heads that stay level and do not heave while the body does, as birds hold them.
 With the turn R of the body and its heading H, the turn about the vertical by which its axis points
 ahead, the head is turned by R^T H against the body. The neck takes a part of that, and then turns
 towards the place that the head has without heave and pitch of the beats. What is left of the way
-there is the head's. Of a way w beyond w_0, a part of the neck's length, it goes
+there is the head's. Where beats heave the body by more than w_0, a part of the neck's length,
+either way, by w, it goes a share of the way,
 
-    w_0 (1 + tanh(w / w_0 - 1)),
+    w_0 (1 + tanh(w / w_0 - 1)) / w,
 
-so that short necks take their heads along. Of the turn L that levels a trunk (beat.py), which is
-the first, the head takes back a share alone, so that they do not fold: it is turned by R^T H L^a,
-a = s (1 - share), with s from 0 to 1 as the body without beats is pitched down from 0 to L.
+so that short necks take their heads along, and as softly as the body moves. Of the turn L that
+levels a trunk (beat.py), which is the first, the head takes back a share alone, so that they do not
+fold: it is turned by R^T H L^a, a = s (1 - share), with s from 0 to 1 as the body without beats is
+pitched down from 0 to L.
 
 Source: Ros and Biewener, Pigeons (C. livia) follow their head during turning flight, Frontiers in
 Neuroscience 11 (2017) 655, summary: the head is steady while the body turns.
@@ -33,13 +35,15 @@ from __future__ import annotations
 
 import contextlib
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from featherfx.algebra.interpolation import smooth_step
+from featherfx.algebra.interpolation import eased, smooth_step
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import from_rotation_vector, unit
+from featherfx.shot.motion.beat import Flap
 from featherfx.shot.motion.joints import (
     HEAD,
     NECK,
@@ -60,12 +64,14 @@ _FARTHEST = 0.05  # w_0, of the neck's length; by eye
 
 @dataclass(frozen=True)
 class SteadyHead:
-    """Poses with a steady head. calm: without heave and pitch. share: of what is taken back.
+    """Poses with a steady head. calm: without heave and pitch. heave: m, by which beats heave the
+    body either way at a time in s. share: of what is taken back.
 
     level: poses that level the trunk; None: there are none."""
 
     own: PosesOverTime
     calm: PosesOverTime
+    heave: Callable[[float], float]
     skeleton: Skeleton
     share: float
     level: PosesOverTime | None = None
@@ -83,7 +89,7 @@ class SteadyHead:
         if NECK in names:
             neck = names.index(NECK)
             free = _FARTHEST * float(np.linalg.norm(pivots[head] - pivots[neck]))
-            whole = float(np.linalg.norm(way))
+            whole = self.share * self.heave(time)
             if whole > free:
                 way = way * (free + free * math.tanh(whole / free - 1.0)) / whole
         goal = place + way
@@ -149,7 +155,29 @@ def acted(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
     if levels.values["motions"]:
         with contextlib.suppress(MissingJointError):
             level = _composed(levels, shot, skeleton)
-    return SteadyHead(poses, calm, skeleton, share, level)
+    heave = _heave_of(motion, float(np.linalg.norm(shot.gravity)))
+    return SteadyHead(poses, calm, heave, skeleton, share, level)
+
+
+def _heave_of(motion: Motion, gravity: float) -> Callable[[float], float]:
+    """By how much (m) the beats of a motion heave a body either way, at a time in s of its own.
+    gravity: m/s2."""
+    if motion.kind == "flap":
+        flap = Flap.read(motion.values)
+        return lambda time: 0.5 * flap.heave_range(time, gravity)
+    parts = [
+        (each.clock, _heave_of(each, gravity / (each.clock.size * each.clock.tempo**2)))
+        for each in motion.values.get("motions", ())
+    ]
+
+    def heave(time: float) -> float:
+        found = 0.0
+        for clock, own in parts:
+            there = (time - clock.start) * clock.tempo
+            found += clock.size * eased(*zip(*clock.amount, strict=True), there) * own(there)
+        return found
+
+    return heave
 
 
 def _levels_of(motion: Motion) -> Motion:

@@ -49,6 +49,7 @@ import fnmatch
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -274,8 +275,14 @@ class Flap:
         frequency = eased(*self.numbers["wingbeat_frequency"], time)
         downstroke = eased(*self.numbers["downstroke"], time)
         height = _heave(self._beats_done(time) % 1.0, downstroke)
-        whole = np.ptp([_heave(k / BEAT_SAMPLES, downstroke) for k in range(BEAT_SAMPLES)])
-        return share * gravity / frequency**2 * height, math.radians(pitch) * height / float(whole)
+        pitched = math.radians(pitch) * height / _heave_range(downstroke)
+        return share * gravity / frequency**2 * height, pitched
+
+    def heave_range(self, time: float, gravity: float) -> float:
+        """Return the way (m) from the lowest to the highest of the beat's heave at a time (s)."""
+        names = "heave", "wingbeat_frequency", "downstroke"
+        share, frequency, downstroke = (eased(*self.numbers[name], time) for name in names)
+        return share * gravity / frequency**2 * _heave_range(downstroke)
 
     def _beats_done(self, time: float) -> float:
         since = (eased_integral(*self.numbers["wingbeat_frequency"], each) for each in (time, 0.0))
@@ -328,6 +335,12 @@ def _heave(time: float, downstroke: float) -> float:
     if time < d:
         return found + 0.5 * time - d / (2.0 * math.pi) * math.sin(math.pi * time / d)
     return found + time - 0.5 * d
+
+
+@lru_cache(64)
+def _heave_range(downstroke: float) -> float:
+    """h at its highest less that at its lowest."""
+    return float(np.ptp([_heave(k / BEAT_SAMPLES, downstroke) for k in range(BEAT_SAMPLES)]))
 
 
 @dataclass(frozen=True)
