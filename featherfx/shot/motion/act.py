@@ -174,7 +174,8 @@ def _heave_of(motion: Motion, gravity: float) -> Callable[[float], float]:
         found = 0.0
         for clock, own in parts:
             there = (time - clock.start) * clock.tempo
-            found += clock.size * eased(*zip(*clock.amount, strict=True), there) * own(there)
+            times, amounts = zip(*clock.amount, strict=True)
+            found += clock.size * eased(times, amounts, there) * own(there)
         return found
 
     return heave
