@@ -10,8 +10,8 @@ from featherfx.api import Folders, read_groom, read_quality, read_shot, scene_re
 from featherfx.baking.entries import refuse_too_large
 from featherfx.baking.options import DrawnOptions
 from featherfx.errors import InputError, Problem, all_of, require_type
-from featherfx.feather.build import distinct_shapes
 from featherfx.feather.placed_feathers import build_feathers
+from featherfx.feather.shapes import distinct_shapes
 from featherfx.groom.read.toml_file import load_toml
 from featherfx.groom.types import Groom
 from featherfx.limits import MAX_TRIED, irregular

@@ -15,16 +15,16 @@ from featherfx import usd
 from featherfx._version import __version__
 from featherfx.baking.options import BakeOptions, DrawnOptions
 from featherfx.errors import Problem, all_of, require
-from featherfx.feather.build import distinct_shapes
 from featherfx.feather.density import with_detail
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.profiles import at_places, barb_diameters, hooked_fraction, in_cells
+from featherfx.feather.shapes import distinct_shapes
 from featherfx.feather.types import Array, BarbCurves, Feather, RowMap
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.materials import Profile, look_text
-from featherfx.groom.types import FeatherKind, Groom, Placement
+from featherfx.groom.types import FeatherKind, Groom, Placement, shading_of
 from featherfx.limits import refuse_beyond_memory
-from featherfx.mechanics.batch import may_slip
+from featherfx.mechanics.resolution import may_slip
 from featherfx.phases import phase
 from featherfx.shot.frames import place
 from featherfx.shot.patterns import Wet, last_fitting
@@ -105,8 +105,6 @@ def _coloured(groom: Groom) -> bool:
 
 def _shading(groom: Groom) -> tuple[str, ...]:
     """Name what any feather has for shaders; then that of all is written."""
-    from featherfx.feather.colours import shading_of
-
     return shading_of(each.kind for each in groom.feathers)
 
 

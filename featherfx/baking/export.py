@@ -12,8 +12,8 @@ from featherfx.baking.entries import drawn_entries, metadata_of, refuse_too_larg
 from featherfx.baking.options import GroomOptions, make_options, takes
 from featherfx.baking.task import in_space
 from featherfx.errors import InputError, Problem, all_of, require, require_type
-from featherfx.feather.build import distinct_shapes
 from featherfx.feather.placed_feathers import build_feathers
+from featherfx.feather.shapes import distinct_shapes
 from featherfx.groom.types import Groom
 from featherfx.phases import Progress, phase, tells_progress
 from featherfx.render.options import find_missing_libraries

@@ -26,8 +26,8 @@ from featherfx.baking.trial import (
     time_of,
 )
 from featherfx.errors import InputWarning, all_of, require_type
-from featherfx.feather.build import distinct_shapes
 from featherfx.feather.placed_feathers import build_feathers
+from featherfx.feather.shapes import distinct_shapes
 from featherfx.groom.types import Groom
 from featherfx.jit.compile_progress import PROGRESS, working_time
 from featherfx.phases import Progress, account, tells_progress

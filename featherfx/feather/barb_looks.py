@@ -38,9 +38,10 @@ import scipy
 from featherfx.algebra.interpolation import from_scipy
 from featherfx.algebra.vectors import dots, unit
 from featherfx.errors import InputError
-from featherfx.feather.build import build_feather, build_shapes
+from featherfx.feather.build import build_feather
 from featherfx.feather.density import density_map, linear_weights
 from featherfx.feather.profiles import at_places, vane_shares
+from featherfx.feather.shapes import build_shapes
 from featherfx.feather.types import (
     LEADING,
     TRAILING,

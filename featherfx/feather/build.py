@@ -1,26 +1,15 @@
-"""From a feather kind or a placed feather to rest geometry, and maps between grids.
-
-Shapes are built once for all sizes and sides, cached, and written as text.
-"""
+"""From a feather kind to rest geometry."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields, is_dataclass, replace
-from functools import lru_cache, partial
+from dataclasses import replace
+from functools import lru_cache
 from itertools import pairwise
-from operator import attrgetter
-from types import UnionType
-from typing import Any, get_args, get_origin, get_type_hints
-from weakref import WeakValueDictionary
 
 import numpy as np
 
-from featherfx.algebra.interpolation import Rows
-from featherfx.errors import Problem, all_of, require
+from featherfx.errors import Problem, require
 from featherfx.feather.barbs import describe_outline_fault
-from featherfx.feather.density import density_map
 from featherfx.feather.profiles import build_rachis
 from featherfx.feather.types import (
     LEADING,
@@ -28,14 +17,12 @@ from featherfx.feather.types import (
     Array,
     Feather,
     FeatherSurface,
-    PointMap,
-    RowMap,
     RowPoints,
     barb_slice,
+    make_read_only,
 )
 from featherfx.feather.vane import barb_span, build_surface, build_vane
-from featherfx.files.disk_cache import Arrays, kept
-from featherfx.groom.types import Colour, FeatherKind, Placement, VaneShape
+from featherfx.groom.types import FeatherKind, VaneShape
 
 _SIDES = ((LEADING, "leading"), (TRAILING, "trailing"))
 
@@ -62,20 +49,6 @@ def build_feather(
         feather = _build(kind, rows, columns, tube_sides)
     make_read_only(feather)
     return feather
-
-
-def distinct_shapes(placements: Sequence[Placement]) -> tuple[list[int], list[int]]:
-    """The first placement of every shape, and for each placement the number of its shape."""
-    numbers: dict[tuple[int, bool], int] = {}
-    first: list[int] = []
-    chosen = []
-    for k, placement in enumerate(placements):
-        key = (id(placement.prototype or placement.kind), placement.mirrored)
-        if key not in numbers:
-            numbers[key] = len(first)
-            first.append(k)
-        chosen.append(numbers[key])
-    return first, chosen
 
 
 def _build(kind: FeatherKind, rows: int, columns: int, tube_sides: int) -> Feather:
@@ -178,17 +151,6 @@ def _problem(kind: FeatherKind, key: str, message: str) -> Problem:
     return Problem(f"feather kind {kind.name}", key, message)
 
 
-def make_read_only(record: Any) -> None:
-    """Let nobody write to the arrays of a record."""
-    for entry in fields(record):
-        value = getattr(record, entry.name)
-        if is_dataclass(value):
-            make_read_only(value)
-            continue
-        for array in value if isinstance(value, RowPoints) else (value,):
-            array.flags.writeable = False
-
-
 _REFLECTION = np.array([1.0, -1.0, 1.0])
 
 
@@ -220,208 +182,3 @@ def _mirror_surface(surface: FeatherSurface) -> FeatherSurface:
 def _positive_zeros(values: Array) -> Array:
     """Zeros without a sign, so that files do not show -0."""
     return values + 0.0
-
-
-def scale_feather(feather: Feather, size: float) -> Feather:
-    """The feather `size` times as large. Directors and the mesh's topology stay the same."""
-    if size == 1.0:
-        return feather
-    lengths = ("station", "width", "height", "barb_length", "barb_span", "unsplit")
-    own = {name: size * getattr(feather, name) for name in lengths}
-    nodes, offset = size * feather.rest.nodes, size * feather.surface.offset
-    for array in (*own.values(), nodes, offset):
-        array.flags.writeable = False  # the others are those of the feather
-    surface = replace(feather.surface, offset=offset)
-    return replace(feather, rest=feather.rest._replace(nodes=nodes), surface=surface, **own)
-
-
-_SURFACE = tuple(each.name for each in fields(FeatherSurface))
-_STRUCTURES = "rest", "surface"
-_OWN = tuple(each.name for each in fields(Feather) if each.name not in _STRUCTURES)
-# where the arrays of a feather are
-_PATHS = (
-    *_OWN,
-    *(f"rest.{name}" for name in RowPoints._fields),
-    *(f"surface.{name}" for name in _SURFACE),
-)
-# grids of a shot's feathers that are remembered: meshes, simulated, coarse
-_GRIDS = 4
-
-
-def build_plane_feathers(placements: Sequence[Placement], rows: int, columns: int) -> list[Feather]:
-    """Rest geometry of placed feathers as their kinds have it, each in its own frame.
-
-    Feathers of one shape and size share theirs. rows, columns: as in build_feather. Raises
-    InputError with the problems of all shapes that cannot be built.
-    """
-    first, chosen = distinct_shapes(placements)
-    shapes = tuple((p.prototype or p.kind, p.mirrored) for p in (placements[k] for k in first))
-    built, sized = build_shapes(shapes, rows, columns), _sized(shapes, rows, columns)
-    found = []
-    for shape, placement in zip(chosen, placements, strict=True):
-        size = 1.0 if placement.prototype is None else placement.size
-        feather = sized.get((shape, size))
-        if feather is None:
-            feather = sized[shape, size] = scale_feather(built[shape], size)
-        found.append(feather)
-    return found
-
-
-@lru_cache(maxsize=_GRIDS)
-def _sized(
-    shapes: tuple[tuple[FeatherKind, bool], ...], rows: int, columns: int
-) -> WeakValueDictionary[tuple[int, float], Feather]:
-    """The feathers of these shapes that are in use, by number of the shape and size: simulation and
-    writer share them."""
-    return WeakValueDictionary()
-
-
-@lru_cache(maxsize=_GRIDS)
-def build_shapes(
-    shapes: tuple[tuple[FeatherKind, bool], ...], rows: int, columns: int
-) -> tuple[Feather, ...]:
-    """The feather of each kind, as build_feather gives it. shapes: kind, and whether mirrored."""
-
-    def compute() -> Arrays:
-        tasks = (partial(build_feather, kind, rows, columns, side) for kind, side in shapes)
-        return _packed(all_of(*tasks))
-
-    return tuple(_unpacked(kept("shapes", [shapes, rows, columns], compute), len(shapes)))
-
-
-def _packed(feathers: Sequence[Feather]) -> Arrays:
-    """All arrays of one name end to end, and their sizes."""
-    found: Arrays = {}
-    for path in _PATHS:
-        parts = [attrgetter(path)(each) for each in feathers]
-        found[path] = np.concatenate([np.ravel(part) for part in parts])
-        found[f"{path}.shape"] = np.array([part.shape for part in parts])
-    return found
-
-
-def _unpacked(arrays: Mapping[str, Any], count: int) -> list[Feather]:
-    """Invert _packed."""
-    parts = {
-        name: _split(value, arrays[f"{name}.shape"])
-        for name, value in arrays.items()
-        if not name.endswith(".shape")
-    }
-    found = []
-    for k in range(count):
-        surface = FeatherSurface(**{name: parts[f"surface.{name}"][k] for name in _SURFACE})
-        rest = RowPoints(*(parts[f"rest.{name}"][k] for name in RowPoints._fields))
-        own = {name: parts[name][k] for name in _OWN}
-        feather = Feather(**own, rest=rest, surface=surface)
-        make_read_only(feather)
-        found.append(feather)
-    return found
-
-
-def _split(values: Any, shapes: Any) -> list[Any]:
-    ends = np.cumsum(shapes.prod(axis=1, dtype=np.int64))
-    cut = np.split(values, ends[:-1])
-    return [part.reshape(shape) for part, shape in zip(cut, shapes, strict=True)]
-
-
-Grid = tuple[int, int]
-
-
-def build_unit_maps(
-    shapes: Sequence[tuple[FeatherKind, bool]], coarse: Grid, fine: Grid
-) -> list[RowMap]:
-    """The density map of each shape, a kind and whether it is mirrored, from a grid (rows and
-    columns) to another one."""
-    if not shapes:
-        return []
-
-    def compute() -> Arrays:
-        return _packed_maps(
-            [
-                density_map(
-                    build_feather(kind, *coarse, mirrored), build_feather(kind, *fine, mirrored)
-                )
-                for kind, mirrored in shapes
-            ]
-        )
-
-    return _unpacked_maps(kept("maps", [tuple(shapes), coarse, fine], compute), len(shapes))
-
-
-def _packed_maps(maps: Sequence[RowMap]) -> Arrays:
-    """The arrays of one name of all maps end to end, and their sizes."""
-    found: dict[str, Any] = {"pieces": np.stack([each.pieces for each in maps])}
-    for name in ("nodes", "directors"):
-        own = [getattr(each, name) for each in maps]
-        found[f"{name}.widths"] = np.array([each.width for each in own])
-        found[f"{name}.shapes"] = np.array([each.shape for each in own])
-        for part in Rows._fields:
-            arrays = [getattr(each.matrix, part) for each in own]
-            found[f"{name}.{part}"] = np.concatenate(arrays)
-            found[f"{name}.{part}.ends"] = np.cumsum([len(each) for each in arrays])
-    return found
-
-
-def _unpacked_maps(arrays: Mapping[str, Any], count: int) -> list[RowMap]:
-    """Invert _packed_maps."""
-    parts = {}
-    for name in ("nodes", "directors"):
-        cut = [
-            np.split(arrays[f"{name}.{part}"], arrays[f"{name}.{part}.ends"][:-1])
-            for part in Rows._fields
-        ]
-        parts[name] = [
-            PointMap(
-                Rows(*each),
-                tuple(arrays[f"{name}.shapes"][k].tolist()),
-                int(arrays[f"{name}.widths"][k]),
-            )
-            for k, each in enumerate(zip(*cut, strict=True))
-        ]
-    return [
-        RowMap(parts["nodes"][k], parts["directors"][k], arrays["pieces"][k]) for k in range(count)
-    ]
-
-
-_MIRRORED = "mirrored"
-
-
-@lru_cache(maxsize=4096)
-def encode_shape(kind: FeatherKind, mirrored: bool) -> str:
-    """All that a feather is built from but its colours, to the last bit."""
-    told = asdict(replace(kind, colour=Colour())) | {_MIRRORED: mirrored}
-    del told["colour"]
-    return json.dumps(told, separators=(",", ":"), allow_nan=False)
-
-
-def decode_shape(text: str) -> tuple[FeatherKind, bool]:
-    """The kind that a text is of, and whether it is mirrored. Raises ValueError for other texts."""
-    try:
-        told = json.loads(text)
-        mirrored = told.pop(_MIRRORED)
-        if isinstance(mirrored, bool):
-            return _read(FeatherKind, told), mirrored
-    except (AttributeError, KeyError, TypeError, RecursionError) as error:
-        raise ValueError(f"is no shape of a feather: {error}") from error
-    raise ValueError("is no shape of a feather")
-
-
-def _read(kind: Any, value: Any) -> Any:
-    """A value of a declared type. Raises ValueError or TypeError for one of another."""
-    if isinstance(kind, type) and is_dataclass(kind) and isinstance(value, Mapping):
-        hints = get_type_hints(kind)
-        known = {each.name for each in fields(kind)}
-        if not value.keys() <= known:
-            raise ValueError(f"holds {min(value.keys() - known)}")
-        return kind(**{name: _read(hints[name], each) for name, each in value.items()})
-    if get_origin(kind) is UnionType:
-        several = isinstance(value, list)
-        kind = next(each for each in get_args(kind) if (get_origin(each) is tuple) == several)
-    if get_origin(kind) is tuple and isinstance(value, list):
-        items = get_args(kind)
-        each = items[:1] * len(value) if items[-1:] == (Ellipsis,) else items
-        return tuple(_read(*pair) for pair in zip(each, value, strict=True))
-    if kind is float and isinstance(value, int | float) and not isinstance(value, bool):
-        return float(value)
-    if isinstance(kind, type) and type(value) is kind:
-        return value
-    raise ValueError(f"holds {value!r:.40}")

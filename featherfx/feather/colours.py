@@ -19,7 +19,7 @@ on a living bird is chosen by eye in presets.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import radians, tan
 
@@ -93,12 +93,6 @@ def colour_feather(
             barb_shading={name: values[name] for name in shading},
         )
     return found
-
-
-def shading_of(kinds: Iterable[FeatherKind]) -> tuple[str, ...]:
-    """Names of SHADING that any of the kinds has."""
-    found = {name for kind in kinds for name in kind.colour.shading}
-    return tuple(name for name in SHADING if name in found)
 
 
 def at_nodes(colours: FeatherColours, feather: Feather) -> Array:

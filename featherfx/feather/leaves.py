@@ -32,7 +32,7 @@ from featherfx.coat.coat import (
 from featherfx.coat.fields import CoatSpacing, Follicles
 from featherfx.coat.sheets import raise_onto, sew_fan
 from featherfx.errors import count_feathers, warn_input
-from featherfx.feather.build import build_plane_feathers
+from featherfx.feather.shapes import build_plane_feathers
 from featherfx.feather.types import Feather, FeatherSurface, RowPoints, stacked
 from featherfx.files.disk_cache import digest, kept
 from featherfx.groom.skin.skin import closest

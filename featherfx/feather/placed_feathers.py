@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from featherfx.feather.build import build_plane_feathers
+from featherfx.feather.shapes import build_plane_feathers
 from featherfx.feather.types import Feather
 from featherfx.groom.types import Placement
 

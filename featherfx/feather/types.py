@@ -18,7 +18,7 @@ serves positions, velocities and accelerations.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from itertools import repeat
 from typing import Any, NamedTuple
 
@@ -304,3 +304,27 @@ class BarbCurves:
         unit = np.divide(normal, size, out=np.zeros_like(normal), where=size > 0.0)
         # any where barbs lie on one another
         return np.where(size > 0.0, unit, [0.0, 0.0, 1.0]).reshape(-1, 3)
+
+
+def make_read_only(record: Any) -> None:
+    """Let nobody write to the arrays of a record."""
+    for entry in fields(record):
+        value = getattr(record, entry.name)
+        if is_dataclass(value):
+            make_read_only(value)
+            continue
+        for array in value if isinstance(value, RowPoints) else (value,):
+            array.flags.writeable = False
+
+
+def scale_feather(feather: Feather, size: float) -> Feather:
+    """The feather `size` times as large. Directors and the mesh's topology stay the same."""
+    if size == 1.0:
+        return feather
+    lengths = ("station", "width", "height", "barb_length", "barb_span", "unsplit")
+    own = {name: size * getattr(feather, name) for name in lengths}
+    nodes, offset = size * feather.rest.nodes, size * feather.surface.offset
+    for array in (*own.values(), nodes, offset):
+        array.flags.writeable = False  # the others are those of the feather
+    surface = replace(feather.surface, offset=offset)
+    return replace(feather, rest=feather.rest._replace(nodes=nodes), surface=surface, **own)

@@ -7,7 +7,7 @@ dorsal (the upper side of the vane).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -21,6 +21,7 @@ from featherfx.groom.keys.values import ArrayOf, Default, Key, Number, Table, Te
 from featherfx.groom.materials import (
     PROFILE_MEANING,
     PROFILE_POINTS,
+    SHADING,
     BarbLook,
     Colour,
     Curve,
@@ -449,3 +450,9 @@ class Groom(ByValue, Documented):
 
     def __repr__(self) -> str:
         return f"Groom({self.name!r}, {count_feathers(len(self.feathers))})"
+
+
+def shading_of(kinds: Iterable[FeatherKind]) -> tuple[str, ...]:
+    """Names of SHADING that any of the kinds has."""
+    found = {name for kind in kinds for name in kind.colour.shading}
+    return tuple(name for name in SHADING if name in found)

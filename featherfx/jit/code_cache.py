@@ -263,12 +263,11 @@ def _as_returned(given: list[Any]) -> ReturnType:
     return ReturnType(kind, None if parts is None else tuple(map(_as_returned, parts)))
 
 
-# flags of a section: written to, in memory
-_WRITTEN, _ALLOCATED = 0x1, 0x2
-# kinds of sections: symbols, relocations, zeros that are not in the file, tables for unwinding
-_SYMBOLS, _RELOCATIONS, _ZEROS, _UNWINDING = 2, 4, 8, 0x70000001
-# kinds of relocations (R_X86_64_*): 64, PC32, PLT32, PC64
-_WHOLE, _FROM_HERE, _CALLED_FROM_HERE, _WHOLE_FROM_HERE = 1, 2, 4, 24
+# a section that is in memory, and one that is written to
+_ALLOCATED, _WRITTEN = 0x2, 0x1
+# kinds of sections: symbols, relocations, tables for unwinding
+_SYMBOLS, _RELOCATIONS, _UNWINDING = 2, 4, 0x70000001
+_WHOLE = 1  # the kind of relocations that LLVM writes for whole addresses (R_X86_64_64)
 # sections of symbols that have none
 _UNDEFINED, _ABSOLUTE, _COMMON = 0, 0xFFF1, 0xFFF2
 
@@ -305,12 +304,14 @@ def load_object(machine: bytes, links: dict[str, int]) -> dict[str, int]:
     symbols = [_Symbol(*each) for each in fields]
     text = _content(machine, sections[table.link])
     names = [text[each.name : text.index(b"\0", each.name)].decode() for each in symbols]
-    starts, code = _place_sections(machine, sections)
+    starts, base, size = _place_sections(machine, sections)
     addresses = _find_addresses(symbols, names, starts, links)
     for each in sections:
         if each.kind == _RELOCATIONS and each.info in starts:
             _relocate(_content(machine, each), starts[each.info], addresses)
-    _make_executable(*code)
+    protect = mmap.PROT_READ | mmap.PROT_EXEC
+    if ctypes.CDLL(None).mprotect(ctypes.c_void_p(base), ctypes.c_size_t(size), protect):
+        raise CannotBeLoadedError("the system does not let memory be run")
     return {
         name: address
         for each, name, address in zip(symbols, names, addresses, strict=True)
@@ -322,32 +323,22 @@ def _content(machine: bytes, section: _Section) -> bytes:
     return machine[section.offset : section.offset + section.size]
 
 
-def _place_sections(
-    machine: bytes, sections: list[_Section]
-) -> tuple[dict[int, int], tuple[int, int]]:
-    """Copy sections to memory: start of each by its number, and start and size of all code.
+def _place_sections(machine: bytes, sections: list[_Section]) -> tuple[dict[int, int], int, int]:
+    """Copy sections to memory: start of each by its number, and start and size of all.
 
-    Tables for unwinding are left out: kernels raise nothing.
+    Kernels write to no section, and raise nothing: tables for unwinding are left out.
     """
-    starts: dict[int, int] = {}
-    code = (0, 0)
-    for written in (False, True):
-        at, offsets = 0, {}
-        for k, each in enumerate(sections):
-            fits = each.flags & _ALLOCATED and bool(each.flags & _WRITTEN) == written
-            if fits and each.kind != _UNWINDING and each.size:
-                offsets[k] = -(-at // each.align) * each.align
-                at = offsets[k] + each.size
-        if not offsets:
-            continue
-        base = _allocate(at)
-        for k, offset in offsets.items():
-            starts[k] = base + offset
-            if sections[k].kind != _ZEROS:
-                ctypes.memmove(starts[k], _content(machine, sections[k]), sections[k].size)
-        if not written:
-            code = (base, at)
-    return starts, code
+    at, offsets = 0, {}
+    for k, each in enumerate(sections):
+        if each.flags & _ALLOCATED and each.kind != _UNWINDING and each.size:
+            if each.flags & _WRITTEN:
+                raise CannotBeLoadedError("sections that are written to")
+            offsets[k] = -(-at // each.align) * each.align
+            at = offsets[k] + each.size
+    base = _allocate(at)
+    for k, offset in offsets.items():
+        ctypes.memmove(base + offset, _content(machine, sections[k]), sections[k].size)
+    return {k: base + offset for k, offset in offsets.items()}, base, at
 
 
 def _allocate(size: int) -> int:
@@ -355,13 +346,6 @@ def _allocate(size: int) -> int:
     memory = mmap.mmap(-1, size)
     _memories.append(memory)
     return ctypes.addressof(ctypes.c_char.from_buffer(memory))
-
-
-def _make_executable(base: int, size: int) -> None:
-    protect = mmap.PROT_READ | mmap.PROT_EXEC
-    address, length = ctypes.c_void_p(base), ctypes.c_size_t(size)
-    if size and ctypes.CDLL(None).mprotect(address, length, protect):
-        raise CannotBeLoadedError("the system does not let memory be run")
 
 
 def _find_in_system(name: str) -> int:
@@ -397,12 +381,7 @@ def _find_addresses(
 def _relocate(places: bytes, start: int, addresses: list[int]) -> None:
     """Write addresses where they belong in a section."""
     for offset, info, addend in struct.iter_unpack("<QQq", places):
-        target, place = addresses[info >> 32] + addend, start + offset
-        kind = info & 0xFFFFFFFF
-        if kind in (_WHOLE, _WHOLE_FROM_HERE):
-            value = target if kind == _WHOLE else target - place
-            ctypes.c_uint64.from_address(place).value = value & (1 << 64) - 1
-        elif kind in (_FROM_HERE, _CALLED_FROM_HERE) and -(1 << 31) <= target - place < 1 << 31:
-            ctypes.c_int32.from_address(place).value = target - place
-        else:
-            raise CannotBeLoadedError(f"relocation of kind {kind}")
+        if info & 0xFFFFFFFF != _WHOLE:
+            raise CannotBeLoadedError(f"relocation of kind {info & 0xFFFFFFFF}")
+        value = addresses[info >> 32] + addend & (1 << 64) - 1
+        ctypes.c_uint64.from_address(start + offset).value = value

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -24,6 +24,10 @@ from featherfx.groom.materials import VaneMaterial
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.model import Model, VaneHooks, no_hooks
 from featherfx.mechanics.resolution import (
+    has_elastic_clamp,
+    is_guarded,
+    may_open,
+    may_slip,
     rachis_mass,
     rachis_stiffness,
     strip_stiffness,
@@ -144,48 +148,12 @@ def resized(model: Model, sizes: Array) -> Model:
     return model._replace(**found)
 
 
-def has_elastic_clamp(kind: FeatherKind) -> bool:
-    """Return whether the barbs turn at their roots."""
-    vane = kind.vane_material
-    return vane.barb_clamp_normal > 0.0 or vane.barb_clamp_in_plane > 0.0
-
-
-def barb_course(kind: FeatherKind) -> Hashable:
-    """Return what the shapes of bent barbs depend on: how their stiffness changes along them."""
-    vane = kind.vane_material
-    return vane.barb_taper, vane.along_barbs_profile.barb, vane.thickness_profile.barb
-
-
-def may_slip(kind: FeatherKind) -> bool:
-    """Return whether gaps between the barbs slip, are open or are closed, and keep what they
-    slipped."""
-    return kind.vane_material.hooks != "closed" or kind.is_split
-
-
-def is_guarded(kind: FeatherKind, touching: bool) -> bool:
-    """Return whether triangles are kept from being crushed, or loose barbs from passing through
-    each other; those that are loose by their kind only where they touch."""
-    if kind.vane_material.compression_guard > 0.0 or _may_open(kind):
-        return True
-    loose = any(
-        fraction < 1.0
-        for vane in (kind.leading, kind.trailing)
-        for curve in (vane.hooked.rachis, vane.hooked.barb)
-        for _, fraction in curve
-    )
-    return touching and loose
-
-
-def _may_open(kind: FeatherKind) -> bool:
-    return kind.vane_material.hooks == "open" or kind.is_split
-
-
 def _guard(feather: Feather, kind: FeatherKind, touching: bool) -> Array:
     """(2, n-1, m, 2, 2) cell_guard: of the vane, or, where that has none, of fibres."""
     vane, held = kind.vane_material, _held(feather, kind)
     own = vane.compression_guard * held
     fibres = own <= vane.compression_guard * MIN_HOOKED
-    loose = 1.0 if _may_open(kind) else (1.0 - held) * (touching and not vane.ribbon)
+    loose = 1.0 if may_open(kind) else (1.0 - held) * (touching and not vane.ribbon)
     modulus = np.where(fibres, _FIBRE_GUARD * loose, own)
     area = cells_at_rest(feather)[1] * cell_weights(feather.columns)[..., 0]
     stiffness = _GUARD_SCALE * _thickness(feather, kind) * area * modulus

@@ -30,6 +30,8 @@ Sources: ellipse formulas are textbook ones; the shear factors bound Cowper 1966
 
 from __future__ import annotations
 
+from collections.abc import Hashable
+
 import numpy as np
 
 from featherfx.algebra.types import Array
@@ -37,11 +39,11 @@ from featherfx.feather.profiles import at_places, barb_bending, vane_shares
 from featherfx.feather.types import Feather
 from featherfx.groom.materials import RachisMaterial, VaneMaterial
 from featherfx.groom.types import FeatherKind
-from featherfx.mechanics.vane_rest import stiffness_along
 
 # bending of a strip within its plane over that out of it, at most: more shows nowhere (by 4e-4 of
 # the length in the strip of docs/hooks.md), but Newton's method takes 30 times as many iterations
 _EDGEWISE_RATIO = 1e3
+MIN_BARB_STIFFNESS = 0.05
 
 
 def _section(width: Array, height: Array) -> tuple[Array, Array, Array, Array]:
@@ -182,3 +184,44 @@ def rows_for(deflection: float, tolerance: float, most: int) -> int:
         if rows >= most or _MISSED_BY_ROWS * deflection <= tolerance * (rows - 1) ** 2:
             return min(rows, most)
     return most
+
+
+def has_elastic_clamp(kind: FeatherKind) -> bool:
+    """Return whether the barbs turn at their roots."""
+    vane = kind.vane_material
+    return vane.barb_clamp_normal > 0.0 or vane.barb_clamp_in_plane > 0.0
+
+
+def barb_course(kind: FeatherKind) -> Hashable:
+    """Return what the shapes of bent barbs depend on: how their stiffness changes along them."""
+    vane = kind.vane_material
+    return vane.barb_taper, vane.along_barbs_profile.barb, vane.thickness_profile.barb
+
+
+def may_slip(kind: FeatherKind) -> bool:
+    """Return whether gaps between the barbs slip, are open or are closed, and keep what they
+    slipped."""
+    return kind.vane_material.hooks != "closed" or kind.is_split
+
+
+def is_guarded(kind: FeatherKind, touching: bool) -> bool:
+    """Return whether triangles are kept from being crushed, or loose barbs from passing through
+    each other; those that are loose by their kind only where they touch."""
+    if kind.vane_material.compression_guard > 0.0 or may_open(kind):
+        return True
+    loose = any(
+        fraction < 1.0
+        for vane in (kind.leading, kind.trailing)
+        for curve in (vane.hooked.rachis, vane.hooked.barb)
+        for _, fraction in curve
+    )
+    return touching and loose
+
+
+def may_open(kind: FeatherKind) -> bool:
+    return kind.vane_material.hooks == "open" or kind.is_split
+
+
+def stiffness_along(taper: float, places: Array) -> Array:
+    """(K,) b at places (K,) of a barb without factors of its own."""
+    return np.maximum((1.0 - places) ** taper, MIN_BARB_STIFFNESS)

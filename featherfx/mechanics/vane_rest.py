@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.feather.types import Feather, barb_slice
+from featherfx.mechanics.resolution import stiffness_along
 
 Array = NDArray[np.float64]
 
@@ -152,15 +153,9 @@ def opening(area: Array | float) -> Array:
     return np.asarray((0.5 / (CRUSHED_OPENNESS * area)) ** 2)
 
 
-MIN_BARB_STIFFNESS = 0.05
 _SAMPLES = 2000
 
 Factors = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-
-
-def stiffness_along(taper: float, places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(K,) b at places (K,) of a barb without factors of its own."""
-    return np.maximum((1.0 - places) ** taper, MIN_BARB_STIFFNESS)
 
 
 def curvature_shapes(

@@ -27,8 +27,7 @@ from featherfx.algebra.types import Flags, Indices
 from featherfx.errors import Problem, require
 from featherfx.feather.types import Feather
 from featherfx.groom.types import FeatherKind
-from featherfx.mechanics.batch import may_slip
-from featherfx.mechanics.resolution import GRID_SCALE, coefficients_for, rows_for
+from featherfx.mechanics.resolution import GRID_SCALE, coefficients_for, may_slip, rows_for
 from featherfx.packages import brought, load_name
 from featherfx.shot.loads import (
     Deflection,

@@ -17,13 +17,16 @@ gravity first, it has to come back.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags
 from featherfx.algebra.vectors import frames_to_quats, quats_to_frames, vectors_to_frames
+from featherfx.errors import some_of, warn_input
 from featherfx.feather.types import barb_slice
+from featherfx.groom.types import Groom, Placement
 from featherfx.mechanics.model import Model, no_loads
 from featherfx.mechanics.ribbon_kernels import curl_energy
 from featherfx.solver.solver import Solver
@@ -227,3 +230,29 @@ def _comes_back(solver: Solver, model: Model, pose: State, gravity: Array) -> Fl
         found[members] = ((status == CONVERGED) & near)[members]
     solver.model = given
     return found
+
+
+def hang_as_drawn(
+    groom: Groom, placements: Sequence[Placement], solver: Solver, state: State
+) -> State:
+    """Give a solver the unloaded shapes of its feathers; return the state in the drawn pose.
+
+    state: at rest in the drawn pose, where the shot begins. Gravity is the groom's, and turns with
+    the roots. An InputWarning names feathers without such a shape.
+    """
+    gravity = groom.drawn_gravity
+    assert gravity is not None
+    roots = np.stack([each.rotation for each in placements])
+    begun = quats_to_frames(state.rotation[:, 0])
+    local = np.einsum("fij,fkj,k->fi", begun, roots, gravity)
+    found = find_unloaded(solver, state, local)
+    solver.model = found.model
+    lost = [placements[f].id for f in np.flatnonzero(found.missing).tolist()]
+    if lost:
+        message = (
+            f"{groom.source}: drawn_pose: no unloaded shape comes to rest in the drawn pose of"
+            f" {some_of(lost)}: they hang from it. Make them stiffer, or draw"
+            " them lower"
+        )
+        warn_input(message)
+    return found.state

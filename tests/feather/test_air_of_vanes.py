@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from trial_batches import preset_kind
 
-from featherfx.feather.build import decode_shape, encode_shape
+from featherfx.feather.shapes import decode_shape, encode_shape
 from featherfx.groom.presets.kinds import blended
 
 KIND = preset_kind("swan_primary")

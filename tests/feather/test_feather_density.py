@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import featherfx
 from featherfx.feather.barb_looks import barb_curves, render_feather
-from featherfx.feather.build import build_feather, scale_feather
+from featherfx.feather.build import build_feather
 from featherfx.feather.density import (
     carry_motion,
     carry_points,
@@ -19,7 +19,7 @@ from featherfx.feather.density import (
     hermite_weights,
     scaled_map,
 )
-from featherfx.feather.types import RowPoints, barb_slice, both, turned
+from featherfx.feather.types import RowPoints, barb_slice, both, scale_feather, turned
 from featherfx.shot.frames import place
 
 GRID = (21, 6)

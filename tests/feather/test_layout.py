@@ -14,17 +14,13 @@ from featherfx.algebra.surface_elements import weld
 from featherfx.algebra.vectors import frames_from
 from featherfx.api import scene_readers
 from featherfx.errors import InputError, InputWarning
-from featherfx.feather.build import (
-    build_feather,
-    build_plane_feathers,
-    distinct_shapes,
-    scale_feather,
-)
+from featherfx.feather.build import build_feather
 from featherfx.feather.crossings import near_pairs, segment_distance, strips_of
 from featherfx.feather.density import carry_motion, density_map, with_detail
 from featherfx.feather.leaves import _sew_tails
 from featherfx.feather.placed_feathers import build_feathers
-from featherfx.feather.types import RowPoints
+from featherfx.feather.shapes import build_plane_feathers, distinct_shapes
+from featherfx.feather.types import RowPoints, scale_feather
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.kinds import Change, adjusted, kind_of
 from featherfx.groom.presets.presets import load_preset

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from featherfx.feather.build import build_feather, build_unit_maps
+from featherfx.feather.build import build_feather
 from featherfx.feather.density import density_map
+from featherfx.feather.shapes import build_unit_maps
 from featherfx.groom.keys.problems import Problems
 from featherfx.groom.presets.library import Library
 from featherfx.groom.read.read import groom_of

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from featherfx.feather.build import build_feather, mirror_feather, scale_feather
+from featherfx.feather.build import build_feather, mirror_feather
 from featherfx.feather.splits import SplitEdges
-from featherfx.feather.types import TRAILING
+from featherfx.feather.types import TRAILING, scale_feather
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.splits import splits_of
 from featherfx.groom.types import Splits

@@ -10,7 +10,8 @@ from trial_batches import barb_slopes, random_quat
 
 from featherfx.algebra.vectors import quats_to_frames
 from featherfx.mechanics.barb_kernels import barb_points
-from featherfx.mechanics.vane_rest import MIN_BARB_STIFFNESS, curvature_shapes
+from featherfx.mechanics.resolution import MIN_BARB_STIFFNESS
+from featherfx.mechanics.vane_rest import curvature_shapes
 
 UNIT = np.array([1.0, 0.0, 0.0, 0.0])
 

@@ -9,9 +9,9 @@ import pytest
 from drawn_cases import draw_case
 from trial_batches import FEATHER_PRESETS, at_origin, preset_batch, preset_kind
 
-from featherfx.feather.build import build_feather, scale_feather
+from featherfx.feather.build import build_feather
 from featherfx.feather.profiles import hooked_stiffness
-from featherfx.feather.types import RACHIS_PART
+from featherfx.feather.types import RACHIS_PART, scale_feather
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import BarbGuide, VaneShape
 from featherfx.lab.strip import strip_feather, strip_kind

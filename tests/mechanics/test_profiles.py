@@ -10,12 +10,13 @@ from feather_kinds import LEADING_VANE, NO_VANE, SWAN_PRIMARY, TRAILING_VANE, fe
 from scipy.integrate import quad
 from trial_batches import assembled, at_origin, random_pose
 
-from featherfx.feather.build import build_feather, scale_feather
+from featherfx.feather.build import build_feather
+from featherfx.feather.types import scale_feather
 from featherfx.groom.materials import Profile
 from featherfx.groom.presets.kinds import Change, adjusted
-from featherfx.mechanics.batch import barb_course, make_model, resized
+from featherfx.mechanics.batch import make_model, resized
 from featherfx.mechanics.model import no_loads
-from featherfx.mechanics.resolution import barb_deflection, rachis_deflection
+from featherfx.mechanics.resolution import barb_course, barb_deflection, rachis_deflection
 from featherfx.mechanics.vane_rest import curvature_shapes
 from featherfx.solver.scratch import make_scratch
 from featherfx.solver.solver import Settings, Solver

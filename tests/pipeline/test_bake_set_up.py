@@ -12,9 +12,11 @@ import pytest
 import featherfx
 from featherfx.baking import export, frame_loop, pipeline
 from featherfx.errors import InputError, Problem
-from featherfx.feather import build
+from featherfx.feather import build, shapes
+from featherfx.mechanics import batch
 from featherfx.shot.contact import pairs
-from featherfx.shot.loop import groups, placement
+from featherfx.shot.loop import placement
+from featherfx.solver import damping
 from featherfx.usd.write.cache_writer import CacheWriter
 
 GROOM = """
@@ -49,7 +51,7 @@ def shot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def forgotten() -> None:
     """As a process that has just begun."""
-    build.build_shapes.cache_clear()
+    shapes.build_shapes.cache_clear()
 
 
 def baked(shot: Path, name: str, **options) -> tuple[bytes, list[str]]:
@@ -71,8 +73,8 @@ def test_a_second_bake_computes_no_shape_model_or_pair_anew(shot, monkeypatch):
     with monkeypatch.context() as patch:
         for module, name in (
             (build, "build_feather"),
-            (groups, "make_model"),
-            (groups, "with_damping"),
+            (batch, "make_model"),
+            (damping, "with_damping"),
             (pairs, "_near_pairs"),
         ):
             patch.setattr(module, name, computed)

@@ -45,7 +45,8 @@ from featherfx.lab.nodal.energy_kernels import (
 )
 from featherfx.mechanics.batch import MIN_HOOKED, row_frames
 from featherfx.mechanics.model import Model
-from featherfx.mechanics.vane_rest import MIN_BARB_STIFFNESS, barb_nodes, cell_weights
+from featherfx.mechanics.resolution import MIN_BARB_STIFFNESS
+from featherfx.mechanics.vane_rest import barb_nodes, cell_weights
 
 
 def hinge_places(cell: Flags) -> Flags:

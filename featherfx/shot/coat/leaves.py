@@ -37,8 +37,8 @@ from featherfx.coat.coat import Coat, draw, make_plane_forms, share_out
 from featherfx.coat.fields import SkinMeans, SkinPlaces
 from featherfx.coat.leaf_kernels import HINGE, CarrierArrays
 from featherfx.coat.sheets import find_ceiling, limit_rises
-from featherfx.feather.build import build_plane_feathers
 from featherfx.feather.leaves import plane_forms
+from featherfx.feather.shapes import build_plane_feathers
 from featherfx.feather.types import Feather, RowPoints, both, stacked
 from featherfx.files.disk_cache import kept
 from featherfx.files.process import count_cores

@@ -30,7 +30,7 @@ from featherfx.errors import InputError, Problem, warn_input
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import Feather
 from featherfx.files.disk_cache import digest
-from featherfx.mechanics.batch import may_slip
+from featherfx.mechanics.resolution import may_slip
 from featherfx.shot.contact.pairs import PAIR_REACH_RATIO, joined, meeting
 from featherfx.shot.detail.guides import guide_weights, uses_guides
 from featherfx.shot.frames import place

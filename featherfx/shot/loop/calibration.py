@@ -43,7 +43,7 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputError, SimulationError
 from featherfx.files.disk_cache import digest, keep, kept, kept_before, nothing_kept, shot_settings
 from featherfx.jit.compile_progress import working_time
-from featherfx.mechanics.batch import may_slip
+from featherfx.mechanics.resolution import may_slip
 from featherfx.phases import phase
 from featherfx.shot.loads import Deflection, LoadEstimate
 from featherfx.shot.loop.window_runs import (

@@ -10,18 +10,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.feather.build import build_feather, build_unit_maps
+from featherfx.feather.build import build_feather
 from featherfx.feather.density import PointCarrier, scaled_map, with_detail
+from featherfx.feather.shapes import build_unit_maps
 from featherfx.feather.types import Feather, RowMap
 from featherfx.files.disk_cache import kept
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import FeatherKind, Placement, Splits
-from featherfx.mechanics.batch import make_model, may_slip, resized
 from featherfx.mechanics.model import Loads, Model
+from featherfx.mechanics.resolution import may_slip
 from featherfx.shot.frames import FeatherPose
 from featherfx.shot.options import FeatherOptions
 from featherfx.shot.patterns import Force, Grip
-from featherfx.solver.damping import with_damping
 from featherfx.solver.solver import Solver, StepReport
 from featherfx.solver.state import LONG_STEP_COUNTS, State
 
@@ -308,6 +308,9 @@ def model_of(
     grid = options.rows, options.columns
 
     def compute() -> dict[str, Any]:
+        from featherfx.mechanics.batch import make_model  # only for models that are not cached
+        from featherfx.solver.damping import with_damping
+
         some = [
             build_feather(unit, *grid, placement.mirrored) if unit else feather
             for placement, unit, feather in own
@@ -323,7 +326,11 @@ def model_of(
     found = Model.from_arrays(kept("models", [inputs, *how], compute))
     model = found.some([number[shape] for shape in shapes])
     sizes = [1.0 if unit is None else p.size for p, unit in zip(placements, units, strict=True)]
-    return resized(model, np.array(sizes)) if any(units) else model
+    if not any(units):
+        return model
+    from featherfx.mechanics.batch import resized
+
+    return resized(model, np.array(sizes))
 
 
 def _constant(placement: Placement, unit: FeatherKind | None) -> list[Any]:

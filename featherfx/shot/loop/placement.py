@@ -1,4 +1,4 @@
-"""Placement of the feathers of a shot: laid over each other, bound to their skin, balanced."""
+"""Placement of the feathers of a shot: laid over each other and bound to their skin."""
 
 from __future__ import annotations
 
@@ -8,17 +8,13 @@ from itertools import compress
 
 import numpy as np
 
-from featherfx.algebra.vectors import quats_to_frames
-from featherfx.errors import InputError, Problem, some_of, warn_input
+from featherfx.errors import InputError, Problem, warn_input
 from featherfx.groom.types import Groom, Placement
 from featherfx.limits import CROWD_PAIRS, MAX_NEIGHBOURS
 from featherfx.packages import load_name
 from featherfx.phases import phase
 from featherfx.shot.patterns import last_fitting
 from featherfx.shot.types import Shot, may_touch
-from featherfx.solver.inverse_statics import find_unloaded
-from featherfx.solver.solver import Solver
-from featherfx.solver.state import State
 
 # side of the cubes that roots are counted in, over the length of the shortest feathers there are
 # in them: whatever compares feathers compares those of one cube
@@ -100,29 +96,3 @@ def _refuse_crowds(placements: Sequence[Placement], source: str, key: str, inste
         f" '{placements[some[0]].id}' stand {len(some) - 1}). Place them apart, {instead}"
     )
     raise InputError(Problem(source, key, message))
-
-
-def hang_as_drawn(
-    shot: Shot, placements: Sequence[Placement], solver: Solver, state: State
-) -> State:
-    """Give a solver the unloaded shapes of its feathers; return the state in the drawn pose.
-
-    state: at rest in the drawn pose, where the shot begins. Gravity is the groom's, and turns with
-    the roots. An InputWarning names feathers without such a shape.
-    """
-    gravity = shot.groom.drawn_gravity
-    assert gravity is not None
-    roots = np.stack([each.rotation for each in placements])
-    begun = quats_to_frames(state.rotation[:, 0])
-    local = np.einsum("fij,fkj,k->fi", begun, roots, gravity)
-    found = find_unloaded(solver, state, local)
-    solver.model = found.model
-    lost = [placements[f].id for f in np.flatnonzero(found.missing).tolist()]
-    if lost:
-        message = (
-            f"{shot.groom.source}: drawn_pose: no unloaded shape comes to rest in the drawn pose of"
-            f" {some_of(lost)}: they hang from it. Make them stiffer, or draw"
-            " them lower"
-        )
-        warn_input(message)
-    return found.state

@@ -15,9 +15,9 @@ from featherfx.algebra.types import Indices
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import Feather
 from featherfx.files.disk_cache import kept, settings_digest
-from featherfx.mechanics.batch import barb_course, has_elastic_clamp
 from featherfx.mechanics.model import Loads
-from featherfx.packages import brought, load_name
+from featherfx.mechanics.resolution import barb_course, has_elastic_clamp
+from featherfx.packages import brought
 from featherfx.phases import counted
 from featherfx.shot.frames import FeatherPose, sample_number
 from featherfx.shot.loads import force_weights, frame_loads
@@ -267,7 +267,9 @@ def _make_group(
     settings = replace(options, max_iterations=limit_iterations(model.unknowns))
     solver = Solver(model, settings, run.jobs)
     if shot.groom.drawn_gravity is not None:
-        state = load_name("loop.drawn_pose:hang_as_drawn")(shot, placements, solver, state)
+        from featherfx.solver.inverse_statics import hang_as_drawn
+
+        state = hang_as_drawn(shot.groom, placements, solver, state)
     names = [each.id for each in placements]
     place = {name: k for k, name in enumerate(names)}
     return FeatherGroup(

@@ -22,7 +22,7 @@ from featherfx.feather.placed_feathers import build_feathers
 from featherfx.files.disk_cache import digest, digests, members
 from featherfx.groom.keys.preset import UNSCALED_CLOCK, Clock
 from featherfx.groom.types import Placement
-from featherfx.mechanics.batch import is_guarded
+from featherfx.mechanics.resolution import is_guarded
 from featherfx.packages import MOTION_SOURCES, brought, load_name
 from featherfx.shot.frames import NO_CUTS
 from featherfx.shot.loads import exposures

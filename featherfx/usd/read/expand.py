@@ -31,14 +31,14 @@ from featherfx.feather.barb_looks import (
     drawn_barbs,
     expand_shape,
 )
-from featherfx.feather.build import decode_shape, scale_feather
 from featherfx.feather.carry_kernels import keep_lengths
-from featherfx.feather.colours import FeatherColours, colour_feather, shading_of
+from featherfx.feather.colours import FeatherColours, colour_feather
 from featherfx.feather.density import density_map, scaled_map, scaled_points
 from featherfx.feather.detail import ThinnedGrid, choose_rows_and_nodes, restored
-from featherfx.feather.types import BarbCurves, RowPoints, stacked
+from featherfx.feather.shapes import decode_shape
+from featherfx.feather.types import BarbCurves, RowPoints, scale_feather, stacked
 from featherfx.groom.materials import BarbLook, colour_of
-from featherfx.groom.types import FeatherKind
+from featherfx.groom.types import FeatherKind, shading_of
 from featherfx.limits import MAX_BARBS, MAX_CLUMPS, MAX_COLUMNS, MAX_ROWS
 from featherfx.usd.read.cached_feather import (
     FeatherMember,

@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from featherfx.algebra.vectors import frames_to_quats
-from featherfx.feather.build import encode_shape
-from featherfx.feather.colours import at_nodes, colour_feather, shading_of, uniform
+from featherfx.feather.colours import at_nodes, colour_feather, uniform
 from featherfx.feather.detail import ThinnedGrid, choose_rows_and_nodes, detail_of
+from featherfx.feather.shapes import encode_shape
 from featherfx.feather.types import LEADING, TRAILING, Array, Feather, RowPoints, barb_slice
 from featherfx.files.atomic_write import standing
 from featherfx.files.disk_cache import stable_number
 from featherfx.groom.materials import colour_text, look_text
-from featherfx.groom.types import Placement
+from featherfx.groom.types import Placement, shading_of
 from featherfx.shot.frames import place
 from featherfx.usd import arrays
 from featherfx.usd.types import (
