@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.feather.build import build_feather
 from featherfx.feather.density import PointCarrier, scaled_map, with_detail
 from featherfx.feather.shapes import build_unit_maps
 from featherfx.feather.types import Feather, RowMap
@@ -308,6 +307,7 @@ def model_of(
     grid = options.rows, options.columns
 
     def compute() -> dict[str, Any]:
+        from featherfx.feather.build import build_feather
         from featherfx.mechanics.batch import make_model  # only for models that are not cached
         from featherfx.solver.damping import with_damping
 
