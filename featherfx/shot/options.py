@@ -190,7 +190,7 @@ def resolve_options(
         loads = LoadEstimate(**found)
         deflections = estimate_deflections(shot, feathers, loads, frozenset(looked_at))
         if quality.promised is not None:
-            measure = load_name("loop.calibration:measure_grids")
+            measure = load_name("loop.grids:measure_grids")
             found = measure(shot, np.array(solved, dtype=np.int64), loads, deflections, free, until)
             is_measured = found is not None
             measured = found or [first_grid(quality.promised)] * len(feathers)

@@ -14,8 +14,8 @@ from featherfx.files.disk_cache import nothing_kept
 from featherfx.groom.keys.preset import Quality
 from featherfx.groom.presets.presets import list_presets
 from featherfx.lab.bench.promise import errors, fixed_quality, random_shot, run
-from featherfx.shot.loop import calibration, contact_error
-from featherfx.shot.loop.calibration import stratify
+from featherfx.shot.loop import calibration, contact_error, grids
+from featherfx.shot.loop.grids import stratify
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.motion.motion import root_motion
@@ -67,7 +67,7 @@ def gust(tmp_path):
 
 def options_of(shot):
     """Options of all feathers of a shot, measured anew."""
-    calibration._known.clear()
+    grids._known.clear()
     with nothing_kept():
         return resolve_options(shot, drawn_feathers(shot), root_motion(shot))
 
