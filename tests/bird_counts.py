@@ -1,9 +1,10 @@
 """Feathers of each tract of the shipped birds, as they grow on the bodies that are made for them.
 
-`python -m tests.bird_counts` writes presets/bird/counts.json.
+`python -m tests.bird_counts [BIRD ...]` writes presets/bird/counts.json.
 """
 
 import json
+import sys
 import tempfile
 from collections import Counter
 from pathlib import Path
@@ -27,8 +28,10 @@ def count_feathers(bird: str, folder: Path) -> dict[str, int]:
 
 def main() -> None:
     """Count and write."""
+    counts = json.loads(COUNTS.read_text())
     with tempfile.TemporaryDirectory() as folder:
-        counts = {bird: count_feathers(bird, Path(folder)) for bird in sorted(BIRDS)}
+        for bird in sys.argv[1:] or sorted(BIRDS):
+            counts[bird] = count_feathers(bird, Path(folder))
     COUNTS.write_text(json.dumps(counts, indent=2) + "\n")
 
 
