@@ -210,7 +210,7 @@ def test_colours_pass_into_each_other_where_parts_do(bird):
     ]
     assert len(mixed) > 4
     length = np.mean([f.kind.length for f in bird.feathers if f.id.startswith("nape_")])
-    reach = (0.5 + 1.0 / 3.0) * length  # the border, and from place to place where cover is 9
+    reach = (0.35 + 1.0 / 3.0) * length  # the border, and from place to place where cover is 9
     for id in mixed:  # close to feathers of both
         for part in whole:
             own = [places[each] for each in colours if each.startswith(f"{part}_")]

@@ -136,9 +136,9 @@ def check_on_skin(points: Points, corners: Array, place: Place) -> None:
 
 _SMALL_DENSITY = 12.0  # relative, of the small coverts of shut wings; by eye
 _UNEVEN = 0.04  # of feathers of a disc
-_UNEVEN_WIDTH = 0.07  # of the widths of feathers of the coat; by eye
+_UNEVEN_WIDTH = 0.08  # of the widths of feathers of the coat; by eye
 _RIMLESS = 0.5  # of a disc's radius, around the tip of the beak, which its rim would hide; by eye
-_BORDER = 0.5  # of a feather's length, over which parts pass into each other
+_BORDER = 0.35  # of a feather's length, over which parts pass into each other
 _BORDERS = {"crural": 0.1}  # where legs are bare below, no single feathers
 _LEG = ("thigh", "crural")
 _CRURAL = 0.45, 0.5  # of length and relative density on the thigh, those of thin legs; by eye
