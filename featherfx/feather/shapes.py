@@ -8,8 +8,8 @@ from dataclasses import asdict, fields, is_dataclass, replace
 from functools import lru_cache, partial
 from operator import attrgetter
 from types import UnionType
-from typing import Any, get_args, get_origin, get_type_hints
-from weakref import WeakValueDictionary
+from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
+from weakref import WeakValueDictionary, ref
 
 import numpy as np
 
@@ -63,6 +63,15 @@ _PATHS = (
 _GRIDS = 4
 
 
+class _BuiltShape(NamedTuple):
+    """A kind, held weakly, its feather on a grid, and those of its other sizes that are in use:
+    simulation and writer share them."""
+
+    kind: ref[FeatherKind]
+    feather: Feather
+    sized: WeakValueDictionary[float, Feather]
+
+
 def build_plane_feathers(placements: Sequence[Placement], rows: int, columns: int) -> list[Feather]:
     """Rest geometry of placed feathers as their kinds have it, each in its own frame.
 
@@ -70,40 +79,57 @@ def build_plane_feathers(placements: Sequence[Placement], rows: int, columns: in
     InputError with the problems of all shapes that cannot be built.
     """
     first, chosen = distinct_shapes(placements)
-    shapes = tuple((p.prototype or p.kind, p.mirrored) for p in (placements[k] for k in first))
-    built, sized = build_shapes(shapes, rows, columns), _sized(shapes, rows, columns)
+    shapes = [(p.prototype or p.kind, p.mirrored) for p in (placements[k] for k in first)]
+    built = _built(shapes, rows, columns)
     found = []
     for shape, placement in zip(chosen, placements, strict=True):
+        _, unit, sized = built[shape]
         size = 1.0 if placement.prototype is None else placement.size
-        feather = sized.get((shape, size))
+        feather = sized.get(size)
         if feather is None:
-            feather = sized[shape, size] = scale_feather(built[shape], size)
+            feather = sized[size] = scale_feather(unit, size)
         found.append(feather)
     return found
 
 
-@lru_cache(maxsize=_GRIDS)
-def _sized(
-    shapes: tuple[tuple[FeatherKind, bool], ...], rows: int, columns: int
-) -> WeakValueDictionary[tuple[int, float], Feather]:
-    """The feathers of these shapes that are in use, by number of the shape and size: simulation and
-    writer share them."""
-    return WeakValueDictionary()
-
-
-@lru_cache(maxsize=_GRIDS)
 def build_shapes(
-    shapes: tuple[tuple[FeatherKind, bool], ...], rows: int, columns: int
-) -> tuple[Feather, ...]:
+    shapes: Sequence[tuple[FeatherKind, bool]], rows: int, columns: int
+) -> list[Feather]:
     """The feather of each kind, as build_feather gives it. shapes: kind, and whether mirrored."""
+    return [each.feather for each in _built(shapes, rows, columns)]
+
+
+@lru_cache(maxsize=_GRIDS)
+def built_shapes(rows: int, columns: int) -> dict[tuple[int, bool], _BuiltShape]:
+    """What was built on a grid of kinds that are in use, by identity of the kind, and whether
+    mirrored."""
+    return {}
+
+
+def _built(
+    shapes: Sequence[tuple[FeatherKind, bool]], rows: int, columns: int
+) -> list[_BuiltShape]:
+    known = built_shapes(rows, columns)
+    found = [known.get((id(kind), mirrored)) for kind, mirrored in shapes]
+    missing = [shape for shape, each in zip(shapes, found, strict=True) if each is None]
 
     def compute() -> Arrays:
         from featherfx.feather.build import build_feather  # only for shapes that are not cached
 
-        tasks = (partial(build_feather, kind, rows, columns, side) for kind, side in shapes)
+        tasks = (partial(build_feather, kind, rows, columns, side) for kind, side in missing)
         return _packed(all_of(*tasks))
 
-    return tuple(_unpacked(kept("shapes", [shapes, rows, columns], compute), len(shapes)))
+    def note(shape: tuple[FeatherKind, bool], feather: Feather) -> _BuiltShape:
+        key = id(shape[0]), shape[1]
+        kind = ref(shape[0], lambda _: known.pop(key, None))
+        known[key] = new = _BuiltShape(kind, feather, WeakValueDictionary())
+        return new
+
+    if not missing:
+        return [each for each in found if each]
+    arrays = kept("shapes", [missing, rows, columns], compute)
+    made = map(note, missing, _unpacked(arrays, len(missing)))
+    return [each or next(made) for each in found]
 
 
 def _packed(feathers: Sequence[Feather]) -> Arrays:

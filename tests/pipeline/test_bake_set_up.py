@@ -51,7 +51,7 @@ def shot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def forgotten() -> None:
     """As a process that has just begun."""
-    shapes.build_shapes.cache_clear()
+    shapes.built_shapes.cache_clear()
 
 
 def baked(shot: Path, name: str, **options) -> tuple[bytes, list[str]]:
