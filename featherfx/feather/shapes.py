@@ -101,7 +101,7 @@ def build_shapes(
 
 @lru_cache(maxsize=_GRIDS)
 def built_shapes(rows: int, columns: int) -> dict[tuple[int, bool], _BuiltShape]:
-    """What was built on a grid of kinds that are in use, by identity of the kind, and whether
+    """Shapes built on a grid, of kinds that are in use, by identity of the kind, and whether
     mirrored."""
     return {}
 
