@@ -111,7 +111,7 @@ def test_no_triangle_is_left_out_that_a_region_reaches(name, value, invert):
     whole = Presence(plate, found.rules)(points)
     assert 0.0 < whole.mean() < 1.0
     assert np.array_equal(found(points), whole)
-    assert invert or not found.reached(1e-3).all()
+    assert invert or not found.reached(1e-3, 0.0, False).all()
 
 
 def test_integral_of_a_density(sphere):

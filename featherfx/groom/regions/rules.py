@@ -145,16 +145,19 @@ class Presence:
             found[left] *= bound(self.surface, left)
         return found
 
-    def reached(self, reach: float, share: float = 0.0) -> Flags:
-        """(T,) triangles no farther than a reach, m, from where it may be above a share."""
+    def reached(self, reach: float, share: float, outside: bool) -> Flags:
+        """(T,) triangles no farther than a reach, m, from where it may be above a share. outside:
+        and all where it is 0."""
         (middles, radii), own = self.surface.spheres, self._most > share
-        if own.all() or not own.any():
-            return own
-        most = reach + radii[own].max()
-        found, _ = search_tree(middles[own]).query(
-            middles, distance_upper_bound=np.nextafter(most + radii.max(), np.inf)
+        found = own | (self._most <= 0.0) if outside else own.copy()
+        if found.all() or not own.any():
+            return found
+        most, asked = reach + radii[own].max(), np.flatnonzero(~found)
+        distance, _ = search_tree(middles[own]).query(
+            middles[asked], distance_upper_bound=np.nextafter(most + radii.max(), np.inf)
         )
-        return np.asarray(own | (found <= most + radii))
+        found[asked] = distance <= most + radii[asked]
+        return found
 
 
 @dataclass(frozen=True)
