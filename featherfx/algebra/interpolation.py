@@ -339,3 +339,11 @@ def from_scipy(matrix: Any) -> Rows:
     """Make the rows of scipy's matrix."""
     csr = matrix.tocsr()
     return Rows(csr.data, csr.indices.astype(np.int64), csr.indptr.astype(np.int64))
+
+
+def linear_weights(knots: Array, places: Array) -> Array:
+    """(K, n) weights of values at knots (n,), ascending, for values at places (K,): linear hats.
+
+    Places beyond the knots take the value of the nearest.
+    """
+    return np.stack([np.interp(places, knots, unit) for unit in np.eye(len(knots))], axis=1)

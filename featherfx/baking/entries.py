@@ -15,10 +15,9 @@ from featherfx import usd
 from featherfx._version import __version__
 from featherfx.baking.options import BakeOptions, DrawnOptions
 from featherfx.errors import Problem, all_of, require
-from featherfx.feather.density import with_detail
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.profiles import at_places, barb_diameters, hooked_fraction, in_cells
-from featherfx.feather.shapes import distinct_shapes
+from featherfx.feather.shapes import distinct_shapes, with_detail
 from featherfx.feather.types import Array, BarbCurves, Feather, RowMap
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.materials import Profile, look_text

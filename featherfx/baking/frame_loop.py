@@ -19,7 +19,7 @@ from featherfx.files.process import (
     seldom_collected,
     set_aside,
 )
-from featherfx.jit.compile_progress import PROGRESS
+from featherfx.jit.code_cache import EXPECTED_WORKS
 from featherfx.jit.compiled import request_expected
 from featherfx.phases import phase
 from featherfx.shot.frames import Frame
@@ -42,9 +42,10 @@ def simulate_and_write(
     notify: called with the samples done and their number.
     """
     sink = CacheSink(task)
-    works = ["bake"] + ["contact"] * (task.shot.contact is not None)
-    PROGRESS.works = *works, *["bird"] * (task.shot.has_coat_on_skin)
-    request_expected(*PROGRESS.works, later=True)
+    shot = task.shot
+    works = ["bake", *["contact"] * (shot.contact is not None), *["bird"] * shot.has_coat_on_skin]
+    EXPECTED_WORKS[:] = works
+    request_expected(*works, later=True)
     try:
         with sink:
             figures = _run_loop(sink, task, notify)

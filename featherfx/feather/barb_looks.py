@@ -35,11 +35,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import scipy
 
-from featherfx.algebra.interpolation import from_scipy
+from featherfx.algebra.interpolation import from_scipy, linear_weights
 from featherfx.algebra.vectors import dots, unit
 from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
-from featherfx.feather.density import density_map, linear_weights
+from featherfx.feather.density import density_map
 from featherfx.feather.profiles import at_places, vane_shares
 from featherfx.feather.shapes import build_shapes
 from featherfx.feather.types import (

@@ -25,9 +25,8 @@ from math import radians, tan
 
 import numpy as np
 
-from featherfx.algebra.interpolation import faded
+from featherfx.algebra.interpolation import faded, linear_weights
 from featherfx.algebra.types import Array
-from featherfx.feather.density import linear_weights
 from featherfx.feather.types import LEADING, RACHIS_PART, TRAILING, BarbCurves, Feather, barb_slice
 from featherfx.files.disk_cache import stable_number
 from featherfx.groom.materials import (

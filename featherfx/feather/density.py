@@ -12,50 +12,24 @@ differentiable, local, and fixed, unlike monotone ones. frame(s) has the columns
 d3(s), all linear in the coarse points, and c is chosen so that the rest shape comes out. So the
 map is linear, the same for positions and their rates; rest shape and rigid motions are exact, and
 so is every barb of a coarse row that is a fine row, too. Barbs are a little longer or shorter than
-at rest then; carry_points gives each piece its length.
-
-Points of a feather carried to another grid, its barbs as long as at rest.
+at rest then; carry_points (shapes.py) gives each piece its length.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-from typing import NamedTuple
-
 import numpy as np
 
-from featherfx.algebra.interpolation import Rows, rows_of
-from featherfx.algebra.types import Flags
-from featherfx.algebra.views import COUNT as LANES
-from featherfx.algebra.views import views_of
+from featherfx.algebra.interpolation import linear_weights, rows_of
 from featherfx.feather.types import (
     LEADING,
     TRAILING,
     Array,
     Feather,
     Indices,
-    MovingPoints,
     PointMap,
     RowMap,
-    RowPoints,
     barb_slice,
-    both,
 )
-from featherfx.jit.compiled import KernelModule
-
-carry_kernels = KernelModule("featherfx.feather.carry_kernels")
-# of a line of what is carried: points, first and second rates, a vector of the processor for each
-LINE_WIDTH = 3 * LANES
-
-
-class RowMapArrays(NamedTuple):
-    """A RowMap as kernels take it."""
-
-    nodes: Rows
-    directors: Rows
-    pieces: Array
-    detail: Array
 
 
 def density_map(coarse: Feather, fine: Feather, parts: bool = False) -> RowMap:
@@ -66,32 +40,6 @@ def density_map(coarse: Feather, fine: Feather, parts: bool = False) -> RowMap:
     are fewer rows than before, as the next but one may be loose and hang elsewhere.
     """
     return _Between(coarse, fine, parts or fine.rows < coarse.rows).map()
-
-
-def scaled_map(unit: RowMap, size: float, rows: int) -> RowMap:
-    """The density map between the same two feathers `size` times as large.
-
-    rows: of the values that are mapped. Positions grow and directors do not, so only what goes
-    from one to the other is scaled. Much faster than a map of its own.
-    """
-    if size == 1.0:
-        return unit
-    directors = _scaled(unit.directors, 1 / size, 1, rows)
-    return RowMap(scaled_points(unit.nodes, size, rows), directors, size * unit.pieces)
-
-
-def scaled_points(unit: PointMap, size: float, rows: int) -> PointMap:
-    """The same of a map to points alone."""
-    return _scaled(unit, 1.0, size, rows)
-
-
-def _scaled(unit: PointMap, of_nodes: float, of_directors: float, rows: int) -> PointMap:
-    """A map of `rows` rows with what goes from nodes, and from directors, times a factor each."""
-    if of_nodes == of_directors:
-        return unit
-    factors = np.full(unit.width, float(of_directors))
-    factors[: unit.width - 2 * rows] = of_nodes
-    return replace(unit, matrix=unit.matrix.scaled(factors))
 
 
 class _Between:
@@ -173,14 +121,6 @@ def _places(feather: Feather) -> Array:
     return np.linspace(0.0, 1.0, feather.columns + 1)
 
 
-def linear_weights(knots: Array, places: Array) -> Array:
-    """(K, n) weights of values at knots (n,), ascending, for values at places (K,): linear hats.
-
-    Places beyond the knots take the value of the nearest.
-    """
-    return np.stack([np.interp(places, knots, unit) for unit in np.eye(len(knots))], axis=1)
-
-
 def hermite_weights(knots: Array, places: Array) -> tuple[Array, Array]:
     """(K, n) weights of values at knots (n,), ascending, for values and slopes at places (K,).
 
@@ -248,119 +188,3 @@ def _reach(feather: Feather, side: int) -> Array:
     nodes = feather.rest.nodes
     end = barb_slice(side, feather.columns).stop - 1
     return np.asarray(np.linalg.norm(nodes[:, end] - nodes[:, 0], axis=1))
-
-
-def carry_points(to_fine: RowMap, points: RowPoints) -> RowPoints:
-    """Points on another grid, its barbs as long as at rest."""
-    still = both(np.zeros_like, points)
-    return carry_motion(to_fine, points, still, still)[0]
-
-
-def carry_motion(
-    to_fine: RowMap, points: RowPoints, velocities: RowPoints, accelerations: RowPoints
-) -> MovingPoints:
-    """The same with their first and second rates."""
-    parts = points, velocities, accelerations
-    given = MovingPoints(*(both(np.ascontiguousarray, each) for each in parts))
-    found = _empty(to_fine)
-    carry_kernels.carry_feather(
-        _way(to_fine), given, np.zeros((to_fine.nodes.width, LINE_WIDTH)), found
-    )
-    return found
-
-
-def with_detail(to_fine: RowMap, coarse: Feather, fine: Feather) -> RowMap:
-    """The map between plane forms for feathers that lie on leaves, so that the rest shape of the
-    one leads to that of the other."""
-    base = RowPoints(to_fine.nodes(coarse.rest), to_fine.directors(coarse.rest))
-    lateral, dorsal = base.directors[:, 0], base.directors[:, 1]
-    frames = np.stack([np.cross(lateral, dorsal), lateral, dorsal], axis=2)
-    missing = (fine.points - base.rows()).transpose(0, 2, 1)
-    detail = np.linalg.solve(frames, missing).transpose(0, 2, 1)
-    return to_fine._replace(detail=np.ascontiguousarray(detail, dtype=np.float64))
-
-
-def _way(to_fine: RowMap) -> RowMapArrays:
-    return RowMapArrays(
-        to_fine.nodes.matrix, to_fine.directors.matrix, to_fine.pieces, to_fine.detail
-    )
-
-
-def _empty(to_fine: RowMap, *before: int) -> MovingPoints:
-    """Room for what is carried, with axes in front."""
-    shapes = [(*before, *each.shape) for each in (to_fine.nodes, to_fine.directors)]
-    return MovingPoints(*(RowPoints(*map(np.empty, shapes)) for _ in MovingPoints._fields))
-
-
-class PointCarrier:
-    """Carries feathers of one grid to another, each by a map of its own (F of them)."""
-
-    def __init__(self, maps: Sequence[RowMap]) -> None:
-        self._first = maps[0]
-        self._ways = views_of([_way(each) for each in maps])
-
-    def __call__(
-        self, some: Indices, points: RowPoints, velocities: RowPoints, accelerations: RowPoints
-    ) -> MovingPoints:
-        """As carry_motion, of some (K,) of the feathers that are given (F, ...)."""
-        found = _empty(self._first, len(some))
-        lines = np.zeros((self._first.nodes.width, LINE_WIDTH))
-        given = MovingPoints(points, velocities, accelerations)
-        carry_kernels.carry_feathers(self._ways.views, some, given, lines, found)
-        return found
-
-
-def carry_all(feather: Feather, grid: Feather, points: Sequence[RowPoints]) -> list[RowPoints]:
-    """Carry points of a feather to another grid of it."""
-    if feather is grid:
-        return list(points)
-    to_grid = density_map(feather, grid)
-    return [carry_points(to_grid, each) for each in points]
-
-
-def mean_distance(
-    grid: Feather,
-    one: tuple[Feather, Sequence[RowPoints]],
-    other: tuple[Feather, Sequence[RowPoints]],
-) -> float:
-    """m, largest distance of the mean poses of two runs of a feather, as seen from its root, or
-    difference of their swings, the largest RMS distances of nodes from their means.
-
-    grid: the feather whose nodes count. Poses of either run need no common times.
-    """
-    nodes = [_seen_from_root(grid, carry_all(feather, grid, own)) for feather, own in (one, other)]
-    mean = [each.mean(axis=0) for each in nodes]
-    swing = [
-        np.sqrt(((each - middle) ** 2).sum(axis=-1).mean(axis=0)).max()
-        for each, middle in zip(nodes, mean, strict=True)
-    ]
-    apart = np.linalg.norm(mean[0] - mean[1], axis=-1).max()
-    return float(max(apart, abs(swing[0] - swing[1])))
-
-
-def _seen_from_root(grid: Feather, points: Sequence[RowPoints]) -> Array:
-    """(T, K, 3) m, nodes of a grid in the frame of its root."""
-    there, found = existing_nodes(grid), []
-    for nodes, directors in points:
-        d2, d3 = directors[0]
-        found.append((nodes[there] - nodes[0, 0]) @ np.array([np.cross(d2, d3), d2, d3]).T)
-    return np.array(found)
-
-
-def existing_nodes(feather: Feather) -> Flags:
-    """(n, 1 + 2 m) nodes of the rachis and of barbs that are there."""
-    grown = np.repeat(feather.barb_length.T > 0.0, feather.columns, axis=1)
-    return np.concatenate([np.ones((feather.rows, 1), dtype=np.bool_), grown], axis=1)
-
-
-def max_distance(
-    coarse: Feather, fine: Feather, points: Sequence[RowPoints], wanted: Sequence[RowPoints]
-) -> float:
-    """m, largest distance of the nodes of a coarse feather from where a fine one has them, in any
-    of some poses; nodes of barbs that are not there do not count."""
-    there = existing_nodes(coarse)
-    ways = [
-        np.linalg.norm(a.nodes - b.nodes, axis=-1)[there].max()
-        for a, b in zip(points, carry_all(fine, coarse, wanted), strict=True)
-    ]
-    return float(max(ways))

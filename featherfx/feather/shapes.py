@@ -1,4 +1,7 @@
-"""Shapes of feathers: built once for all sizes and sides, cached, and written as text."""
+"""Shapes of feathers: built once for all sizes and sides, cached, and written as text.
+
+Points of a feather carried to another grid, its barbs as long as at rest.
+"""
 
 from __future__ import annotations
 
@@ -14,18 +17,24 @@ from weakref import WeakValueDictionary, ref
 import numpy as np
 
 from featherfx.algebra.interpolation import Rows
+from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.views import COUNT as LANES
+from featherfx.algebra.views import views_of
 from featherfx.errors import all_of
 from featherfx.feather.types import (
     Feather,
     FeatherSurface,
+    MovingPoints,
     PointMap,
     RowMap,
     RowPoints,
+    both,
     make_read_only,
     scale_feather,
 )
 from featherfx.files.disk_cache import Arrays, kept
 from featherfx.groom.types import Colour, FeatherKind, Placement
+from featherfx.jit.compiled import KernelModule
 
 
 def distinct_shapes(placements: Sequence[Placement]) -> tuple[list[int], list[int]]:
@@ -271,3 +280,105 @@ def _read(kind: Any, value: Any) -> Any:
     if isinstance(kind, type) and type(value) is kind:
         return value
     raise ValueError(f"holds {value!r:.40}")
+
+
+carry_kernels = KernelModule("featherfx.feather.carry_kernels")
+
+
+# of a line of what is carried: points, first and second rates, a vector of the processor for each
+LINE_WIDTH = 3 * LANES
+
+
+class RowMapArrays(NamedTuple):
+    """A RowMap as kernels take it."""
+
+    nodes: Rows
+    directors: Rows
+    pieces: Array
+    detail: Array
+
+
+def scaled_map(unit: RowMap, size: float, rows: int) -> RowMap:
+    """The density map between the same two feathers `size` times as large.
+
+    rows: of the values that are mapped. Positions grow and directors do not, so only what goes
+    from one to the other is scaled. Much faster than a map of its own.
+    """
+    if size == 1.0:
+        return unit
+    directors = _scaled(unit.directors, 1 / size, 1, rows)
+    return RowMap(scaled_points(unit.nodes, size, rows), directors, size * unit.pieces)
+
+
+def scaled_points(unit: PointMap, size: float, rows: int) -> PointMap:
+    """The same of a map to points alone."""
+    return _scaled(unit, 1.0, size, rows)
+
+
+def _scaled(unit: PointMap, of_nodes: float, of_directors: float, rows: int) -> PointMap:
+    """A map of `rows` rows with what goes from nodes, and from directors, times a factor each."""
+    if of_nodes == of_directors:
+        return unit
+    factors = np.full(unit.width, float(of_directors))
+    factors[: unit.width - 2 * rows] = of_nodes
+    return replace(unit, matrix=unit.matrix.scaled(factors))
+
+
+def carry_points(to_fine: RowMap, points: RowPoints) -> RowPoints:
+    """Points on another grid, its barbs as long as at rest."""
+    still = both(np.zeros_like, points)
+    return carry_motion(to_fine, points, still, still)[0]
+
+
+def carry_motion(
+    to_fine: RowMap, points: RowPoints, velocities: RowPoints, accelerations: RowPoints
+) -> MovingPoints:
+    """The same with their first and second rates."""
+    parts = points, velocities, accelerations
+    given = MovingPoints(*(both(np.ascontiguousarray, each) for each in parts))
+    found = _empty(to_fine)
+    carry_kernels.carry_feather(
+        _way(to_fine), given, np.zeros((to_fine.nodes.width, LINE_WIDTH)), found
+    )
+    return found
+
+
+def with_detail(to_fine: RowMap, coarse: Feather, fine: Feather) -> RowMap:
+    """The map between plane forms for feathers that lie on leaves, so that the rest shape of the
+    one leads to that of the other."""
+    base = RowPoints(to_fine.nodes(coarse.rest), to_fine.directors(coarse.rest))
+    lateral, dorsal = base.directors[:, 0], base.directors[:, 1]
+    frames = np.stack([np.cross(lateral, dorsal), lateral, dorsal], axis=2)
+    missing = (fine.points - base.rows()).transpose(0, 2, 1)
+    detail = np.linalg.solve(frames, missing).transpose(0, 2, 1)
+    return to_fine._replace(detail=np.ascontiguousarray(detail, dtype=np.float64))
+
+
+def _way(to_fine: RowMap) -> RowMapArrays:
+    return RowMapArrays(
+        to_fine.nodes.matrix, to_fine.directors.matrix, to_fine.pieces, to_fine.detail
+    )
+
+
+def _empty(to_fine: RowMap, *before: int) -> MovingPoints:
+    """Room for what is carried, with axes in front."""
+    shapes = [(*before, *each.shape) for each in (to_fine.nodes, to_fine.directors)]
+    return MovingPoints(*(RowPoints(*map(np.empty, shapes)) for _ in MovingPoints._fields))
+
+
+class PointCarrier:
+    """Carries feathers of one grid to another, each by a map of its own (F of them)."""
+
+    def __init__(self, maps: Sequence[RowMap]) -> None:
+        self._first = maps[0]
+        self._ways = views_of([_way(each) for each in maps])
+
+    def __call__(
+        self, some: Indices, points: RowPoints, velocities: RowPoints, accelerations: RowPoints
+    ) -> MovingPoints:
+        """As carry_motion, of some (K,) of the feathers that are given (F, ...)."""
+        found = _empty(self._first, len(some))
+        lines = np.zeros((self._first.nodes.width, LINE_WIDTH))
+        given = MovingPoints(points, velocities, accelerations)
+        carry_kernels.carry_feathers(self._ways.views, some, given, lines, found)
+        return found

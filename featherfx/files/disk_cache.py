@@ -54,6 +54,8 @@ _PLAIN = frozenset((bool, int, float, str, type(None)))
 _RECORDS: set[Any] = set()  # types of records that were met
 # folders of the program whose code decides what it computes
 _CODE = ("algebra", "groom", "coat", "feather", "mechanics", "solver", "shot", "usd")
+# of a value that is told by its digest
+DIGEST_KEY = "sha256"
 
 
 def digest(*values: Any) -> str:

@@ -44,6 +44,8 @@ from featherfx.jit.kernel_calls import KernelLink, ReturnType, StoredKernel
 # types of arguments, system, machine and processor
 Key = tuple[str, str, str, str]
 
+# works that are about to be done, by names in arguments.json and seconds.json
+EXPECTED_WORKS: list[str] = []
 ROOT = Path(__file__).resolve().parents[1]
 # machine code that came with the program
 SHIPPED = ROOT / "_machine_code"

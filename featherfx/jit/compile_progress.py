@@ -16,7 +16,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from featherfx.jit.code_cache import is_stored
+from featherfx.jit.code_cache import EXPECTED_WORKS, is_stored
 from featherfx.phases import Account, accounts
 
 COMPILING = "compiling"
@@ -51,13 +51,9 @@ def _find_works(name: str) -> list[str]:
 
 
 class CompileProgress:
-    """Reports to all open accounts which kernels are compiled, one after another.
-
-    works: names in seconds.json of the work that is about to be done.
-    """
+    """Reports to all open accounts which kernels are compiled, one after another."""
 
     def __init__(self) -> None:
-        self.works: tuple[str, ...] = ()
         self._lock = threading.RLock()
         self._phases: list[tuple[Account, Any]] = []
         self._depth, self._since, self._spent = 0, 0.0, 0.0
@@ -73,7 +69,7 @@ class CompileProgress:
             self._depth += 1
             if self._depth == 1:
                 self._since, self._cpu_since = time.perf_counter(), time.process_time()
-                self._expect(name, *_find_missing(self.works or _find_works(name)))
+                self._expect(name, *_find_missing(EXPECTED_WORKS or _find_works(name)))
                 done, left = len(self._done), self._predict()
                 total = done + len(self._to_come)
                 self._phases = [

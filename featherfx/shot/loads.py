@@ -38,10 +38,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.interpolation import smooth_step
+from featherfx.algebra.interpolation import linear_weights, smooth_step
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, Problem
-from featherfx.feather.density import linear_weights
 from featherfx.feather.types import LEADING, TRAILING, Feather, barb_slice
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.model import Loads, no_contacts

@@ -12,13 +12,8 @@ from scipy.spatial.transform import Rotation
 import featherfx
 from featherfx.feather.barb_looks import barb_curves, render_feather
 from featherfx.feather.build import build_feather
-from featherfx.feather.density import (
-    carry_motion,
-    carry_points,
-    density_map,
-    hermite_weights,
-    scaled_map,
-)
+from featherfx.feather.density import density_map, hermite_weights
+from featherfx.feather.shapes import carry_motion, carry_points, scaled_map
 from featherfx.feather.types import RowPoints, barb_slice, both, scale_feather, turned
 from featherfx.shot.frames import place
 

@@ -16,10 +16,15 @@ from featherfx.api import scene_readers
 from featherfx.errors import InputError, InputWarning
 from featherfx.feather.build import build_feather
 from featherfx.feather.crossings import near_pairs, segment_distance, strips_of
-from featherfx.feather.density import carry_motion, density_map, with_detail
+from featherfx.feather.density import density_map
 from featherfx.feather.leaves import _sew_tails
 from featherfx.feather.placed_feathers import build_feathers
-from featherfx.feather.shapes import build_plane_feathers, distinct_shapes
+from featherfx.feather.shapes import (
+    build_plane_feathers,
+    carry_motion,
+    distinct_shapes,
+    with_detail,
+)
 from featherfx.feather.types import RowPoints, scale_feather
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.kinds import Change, adjusted, kind_of

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from featherfx.feather.density import mean_distance
 from featherfx.feather.types import RowPoints
 from featherfx.lab.bench import promise
 from featherfx.lab.bench.promise import judge, measure_promise, measure_promises, random_shot, run
+from featherfx.shot.loop.window_runs import mean_distance
 
 FRAMES, PROMISED = 24, 0.03
 

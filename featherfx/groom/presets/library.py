@@ -14,8 +14,7 @@ from featherfx.groom.keys.places import Preset
 from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import REQUIRED, Key, Table, expected
-from featherfx.groom.read.toml_file import load_toml
-from featherfx.groom.read.toml_text import told
+from featherfx.groom.read.toml_file import load_toml, told
 from featherfx.limits import MAX_BASES
 
 

@@ -24,7 +24,6 @@ from featherfx.groom.keys.values import Either, Table
 from featherfx.groom.materials import Pattern
 from featherfx.groom.presets.kinds import Change, adjusted, blended, kind_of
 from featherfx.groom.presets.library import Library, Sourced, Tree, plain
-from featherfx.groom.read.toml_text import toml_of
 from featherfx.groom.types import FeatherKind
 
 
@@ -260,6 +259,8 @@ def _sources_of(tree: Tree) -> dict[str, Any]:
 
 
 def _lines(table: Table, tree: Tree, prefix: str) -> Iterator[tuple[str, str]]:
+    from featherfx.groom.read.toml_text import toml_of  # only for lists of presets
+
     for name, key in table.keys.items():
         if name not in tree:
             continue  # of a table that is one of several types

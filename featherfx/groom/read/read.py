@@ -23,8 +23,7 @@ from featherfx.groom.presets.presets import KindStore
 from featherfx.groom.read import drafts as draft_rules
 from featherfx.groom.read.drafts import Draft, draws, other_side, painted, shaded, variant_number
 from featherfx.groom.read.space import GroomReaders, Space, cache_skins, in_groom
-from featherfx.groom.read.toml_file import file_kind, load_toml
-from featherfx.groom.read.toml_text import told
+from featherfx.groom.read.toml_file import file_kind, load_toml, told
 from featherfx.groom.types import FeatherKind, Groom, Joint, Layout, Placement
 from featherfx.limits import MAX_COMPARED, MAX_FEATHERS
 

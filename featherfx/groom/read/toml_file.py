@@ -1,14 +1,22 @@
-"""TOML files in, with every way in which that can fail turned into one clear problem."""
+"""TOML files in, with every way in which that can fail turned into one clear problem.
+
+Values of files, by key, to describe differences in words:
+
+rows.right_primary.width = "1.5"      the key of a [[row]] whose id is right_primary
+skin.usd (file) = "sha256 ..."        the content of a file that a value names
+"""
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from featherfx.errors import InputError, Problem
+from featherfx.files.disk_cache import DIGEST_KEY, digest
 from featherfx.groom.keys.groom import GROOM_FILE
 from featherfx.groom.keys.preset import PRESET_FAMILIES
 from featherfx.groom.keys.values import Table
@@ -115,3 +123,49 @@ def file_kind(raw: dict[str, Any], path: Path, others: Mapping[str, Table]) -> s
     known = {name: sum(key in table.keys for key in raw) for name, table in tables.items()}
     best = max(known, key=lambda name: known[name])
     return best if known[best] else ""
+
+
+# characters of a value that is told as it is, and values of one file
+_LONGEST, _MOST = 72, 20_000
+
+
+def told(tables: Mapping[str, Any], folder: Path) -> dict[str, str]:
+    """Every value of a file's tables by its key, as JSON; long ones as a digest.
+
+    folder: from which files that the tables name are seen.
+    """
+    found: dict[str, str] = {}
+    for key, value in _leaves(tables, ""):
+        found[key] = _text(value)
+        # a groom's own values are told one by one
+        if isinstance(value, str) and value[-5:] != ".toml" and (file := _named(value, folder)):
+            found[f"{key} (file)"] = f"{DIGEST_KEY} {digest(file)}"
+        if len(found) > _MOST:
+            return {"values": f"{DIGEST_KEY} {digest(json.dumps(tables, default=str))}"}
+    return found
+
+
+def _leaves(value: Any, key: str) -> Iterator[tuple[str, Any]]:
+    if isinstance(value, Mapping):
+        for name, part in value.items():
+            yield from _leaves(part, f"{key}.{name}" if key else str(name))
+    elif isinstance(value, list) and value and all(isinstance(each, Mapping) for each in value):
+        for number, each in enumerate(value):
+            name = each.get("id", each.get("name"))
+            at = f"{key}s.{name}" if isinstance(name, str) else f"{key}[{number}]"
+            yield from _leaves(each, at)
+    else:
+        yield key, value
+
+
+def _text(value: Any) -> str:
+    text = json.dumps(value, default=str)
+    return text if len(text) <= _LONGEST else f"{DIGEST_KEY} {digest(text)}"
+
+
+def _named(value: str, folder: Path) -> Path | None:
+    try:
+        file = folder / value
+        return file if value and file.is_file() else None
+    except (OSError, ValueError):
+        return None

@@ -1,10 +1,4 @@
-"""TOML as text: values and whole files of tables out, and lines of problems in files.
-
-Values of files, by key, to describe differences in words.
-
-rows.right_primary.width = "1.5"      the key of a [[row]] whose id is right_primary
-skin.usd (file) = "sha256 ..."        the content of a file that a value names
-"""
+"""TOML as text: values and whole files out, differences in words, and lines of problems."""
 
 from __future__ import annotations
 
@@ -17,7 +11,7 @@ from typing import Any
 
 from featherfx.errors import InputError, Problem, as_sentence
 from featherfx.files.atomic_write import write_text
-from featherfx.files.disk_cache import digest
+from featherfx.files.disk_cache import DIGEST_KEY
 from featherfx.limits import irregular
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
@@ -95,27 +89,8 @@ def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-# characters of a value that is told as it is, and values of one file
-_LONGEST, _MOST = 72, 20_000
 # the part of a key that is a preset, or a row, region and the like, by its id
 _THING = re.compile(r"(presets\.[^.]+|(?:shot\.)?(?!overrides\.)\w+s\.[^.]+)\.")
-DIGEST_KEY = "sha256"
-
-
-def told(tables: Mapping[str, Any], folder: Path) -> dict[str, str]:
-    """Every value of a file's tables by its key, as JSON; long ones as a digest.
-
-    folder: from which files that the tables name are seen.
-    """
-    found: dict[str, str] = {}
-    for key, value in _leaves(tables, ""):
-        found[key] = _text(value)
-        # a groom's own values are told one by one
-        if isinstance(value, str) and value[-5:] != ".toml" and (file := _named(value, folder)):
-            found[f"{key} (file)"] = f"{DIGEST_KEY} {digest(file)}"
-        if len(found) > _MOST:
-            return {"values": f"{DIGEST_KEY} {digest(json.dumps(tables, default=str))}"}
-    return found
 
 
 def changes(before: Mapping[str, str], now: Mapping[str, str]) -> dict[str, str]:
@@ -148,32 +123,6 @@ def _change(before: str | None, now: str | None) -> str:
             return "was not there" if before is None else "is not there any more"
         return "is another now"
     return " -> ".join("not set" if each is None else each for each in (before, now))
-
-
-def _leaves(value: Any, key: str) -> Iterator[tuple[str, Any]]:
-    if isinstance(value, Mapping):
-        for name, part in value.items():
-            yield from _leaves(part, f"{key}.{name}" if key else str(name))
-    elif isinstance(value, list) and value and all(isinstance(each, Mapping) for each in value):
-        for number, each in enumerate(value):
-            name = each.get("id", each.get("name"))
-            at = f"{key}s.{name}" if isinstance(name, str) else f"{key}[{number}]"
-            yield from _leaves(each, at)
-    else:
-        yield key, value
-
-
-def _text(value: Any) -> str:
-    text = json.dumps(value, default=str)
-    return text if len(text) <= _LONGEST else f"{DIGEST_KEY} {digest(text)}"
-
-
-def _named(value: str, folder: Path) -> Path | None:
-    try:
-        file = folder / value
-        return file if value and file.is_file() else None
-    except (OSError, ValueError):
-        return None
 
 
 _KEY = re.compile(r"(?P<table>\w+)(?:\[(?P<number>\d+)\])?(?P<below>.*)", re.DOTALL)

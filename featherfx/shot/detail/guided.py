@@ -27,9 +27,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
+from featherfx.algebra.interpolation import linear_weights
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import rotation_vectors
-from featherfx.feather.density import linear_weights
 from featherfx.feather.types import LEADING, TRAILING, Feather, RowPoints, barb_slice, both, stacked
 from featherfx.jit.compiled import kernel
 

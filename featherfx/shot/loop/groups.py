@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.feather.density import PointCarrier, scaled_map, with_detail
-from featherfx.feather.shapes import build_unit_maps
+from featherfx.feather.shapes import PointCarrier, build_unit_maps, scaled_map, with_detail
 from featherfx.feather.types import Feather, RowMap
 from featherfx.files.disk_cache import kept
 from featherfx.groom.presets.kinds import Change, adjusted

@@ -7,10 +7,15 @@ and intervals of rows and one coefficient more; finer in time has a tenth of the
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from featherfx.feather.density import max_distance, mean_distance
+import numpy as np
+
+from featherfx.algebra.types import Array, Flags
+from featherfx.feather.density import density_map
+from featherfx.feather.shapes import carry_points
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.groom.keys.preset import Quality
 from featherfx.shot.loop.simulate import simulate
@@ -102,3 +107,59 @@ def refine_quality(quality: Quality, name: str, times: int = 1) -> Quality:
         columns=_FINER_RATIO**times * quality.own_columns,
         coefficients=min(quality.coefficients + times * _MORE_COEFFICIENTS, MAX_COEFFICIENTS),
     )
+
+
+def carry_all(feather: Feather, grid: Feather, points: Sequence[RowPoints]) -> list[RowPoints]:
+    """Carry points of a feather to another grid of it."""
+    if feather is grid:
+        return list(points)
+    to_grid = density_map(feather, grid)
+    return [carry_points(to_grid, each) for each in points]
+
+
+def mean_distance(
+    grid: Feather,
+    one: tuple[Feather, Sequence[RowPoints]],
+    other: tuple[Feather, Sequence[RowPoints]],
+) -> float:
+    """m, largest distance of the mean poses of two runs of a feather, as seen from its root, or
+    difference of their swings, the largest RMS distances of nodes from their means.
+
+    grid: the feather whose nodes count. Poses of either run need no common times.
+    """
+    nodes = [_seen_from_root(grid, carry_all(feather, grid, own)) for feather, own in (one, other)]
+    mean = [each.mean(axis=0) for each in nodes]
+    swing = [
+        np.sqrt(((each - middle) ** 2).sum(axis=-1).mean(axis=0)).max()
+        for each, middle in zip(nodes, mean, strict=True)
+    ]
+    apart = np.linalg.norm(mean[0] - mean[1], axis=-1).max()
+    return float(max(apart, abs(swing[0] - swing[1])))
+
+
+def _seen_from_root(grid: Feather, points: Sequence[RowPoints]) -> Array:
+    """(T, K, 3) m, nodes of a grid in the frame of its root."""
+    there, found = existing_nodes(grid), []
+    for nodes, directors in points:
+        d2, d3 = directors[0]
+        found.append((nodes[there] - nodes[0, 0]) @ np.array([np.cross(d2, d3), d2, d3]).T)
+    return np.array(found)
+
+
+def existing_nodes(feather: Feather) -> Flags:
+    """(n, 1 + 2 m) nodes of the rachis and of barbs that are there."""
+    grown = np.repeat(feather.barb_length.T > 0.0, feather.columns, axis=1)
+    return np.concatenate([np.ones((feather.rows, 1), dtype=np.bool_), grown], axis=1)
+
+
+def max_distance(
+    coarse: Feather, fine: Feather, points: Sequence[RowPoints], wanted: Sequence[RowPoints]
+) -> float:
+    """m, largest distance of the nodes of a coarse feather from where a fine one has them, in any
+    of some poses; nodes of barbs that are not there do not count."""
+    there = existing_nodes(coarse)
+    ways = [
+        np.linalg.norm(a.nodes - b.nodes, axis=-1)[there].max()
+        for a, b in zip(points, carry_all(fine, coarse, wanted), strict=True)
+    ]
+    return float(max(ways))

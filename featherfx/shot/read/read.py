@@ -19,8 +19,7 @@ from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.presets.presets import check_preset
 from featherfx.groom.read.read import SCENE_SUFFIXES, collect_groom, groom_of
 from featherfx.groom.read.space import SceneReaders
-from featherfx.groom.read.toml_file import file_kind, load_toml
-from featherfx.groom.read.toml_text import told
+from featherfx.groom.read.toml_file import file_kind, load_toml, told
 from featherfx.groom.types import Groom
 from featherfx.shot.motion.joints import with_body_joints
 from featherfx.shot.patterns import (

@@ -33,9 +33,9 @@ from featherfx.feather.barb_looks import (
 )
 from featherfx.feather.carry_kernels import keep_lengths
 from featherfx.feather.colours import FeatherColours, colour_feather
-from featherfx.feather.density import density_map, scaled_map, scaled_points
+from featherfx.feather.density import density_map
 from featherfx.feather.detail import ThinnedGrid, choose_rows_and_nodes, restored
-from featherfx.feather.shapes import decode_shape
+from featherfx.feather.shapes import decode_shape, scaled_map, scaled_points
 from featherfx.feather.types import BarbCurves, RowPoints, scale_feather, stacked
 from featherfx.groom.materials import BarbLook, colour_of
 from featherfx.groom.types import FeatherKind, shading_of

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from featherfx import usd
 from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.algebra.vectors import unit
-from featherfx.feather.density import carry_motion
+from featherfx.feather.shapes import carry_motion
 from featherfx.feather.types import (
     RACHIS_PART,
     BarbCurves,

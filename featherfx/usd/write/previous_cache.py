@@ -17,7 +17,8 @@ import numpy as np
 from pxr import Sdf, Vt
 
 from featherfx.errors import Problem
-from featherfx.groom.read.toml_text import DIGEST_KEY, changes
+from featherfx.files.disk_cache import DIGEST_KEY
+from featherfx.groom.read.toml_text import changes
 from featherfx.usd.read.values import USD_ERRORS
 from featherfx.usd.types import MESH_PRIM, PER_FACE_PRIMVARS, RANGES_PREFIX, RATES, OutputError
 from featherfx.usd.write.layers import SCOPES
