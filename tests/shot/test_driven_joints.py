@@ -262,3 +262,62 @@ def test_a_short_neck_takes_its_head_along(tmp_path):
     way = free * (1.0 + np.tanh(most / free - 1.0))
     assert most > 2.0 * free
     np.testing.assert_allclose(found, (1.0 - way / most) * body, rtol=2e-3, atol=1e-9)
+
+
+STANDING = """planted_feet = [[0.1, 1], [0.2, SHARE]]
+[motion.joints]
+left_leg = "arm"
+left_tarsus = "root/arm/fore"
+left_foot = "hand"
+[[motion.motions]]
+kind = "keys"
+keyframes = [
+  { time = 0, rotation = [0, 0, 0], position = [0, 0, 0] },
+  { time = 0, joint = "left_leg", rotation = [0, 25, 0] },
+  { time = 0.1, rotation = [0, 6, 0], position = [0.003, -0.01, -0.004] },
+  { time = 0.25, rotation = [0, -20, 0], position = [0, 0.05, 1] },
+]
+"""
+
+
+def test_feet_stand_as_far_as_legs_reach_and_then_leave(tmp_path):
+    write_bird(tmp_path)
+    text, found = SHOT.partition("[motion.joints]")[0] + STANDING, {}
+    for name, given in (
+        ("stays", text.replace("SHARE", "1")),
+        ("leaves", text.replace("SHARE", "0")),
+        ("never", text.replace("[[0.1, 1], [0.2, SHARE]]", "0")),
+    ):
+        (tmp_path / "shot.toml").write_text(given)
+        found[name] = find_tracks(featherfx.read_shot(tmp_path / "shot.toml"))
+    stays, leaves, never = found.values()
+    hip, heel, foot = (stays.names.index(f"left_{each}") for each in ("leg", "tarsus", "foot"))
+    near, late = stays.times <= 0.1, stays.times >= 0.2
+    bones = np.linalg.norm(np.diff(never.positions[0, [hip, heel, foot]], axis=0), axis=1)
+    for each in (stays, leaves):
+        # legs stand as at rest at first, whatever keyframes say, bent to the same side
+        assert np.abs(each.rotations[0, [hip, heel, foot]] - np.eye(3)).max() < 1e-9
+        places = each.positions[near, foot]
+        np.testing.assert_allclose(places, np.tile(places[0], (len(places), 1)), atol=1e-9)
+        np.testing.assert_allclose(
+            each.rotations[near, foot], np.tile(np.eye(3), (near.sum(), 1, 1)), atol=1e-9
+        )
+        own = np.linalg.norm(np.diff(each.positions[:, [hip, heel, foot]], axis=1), axis=2)
+        np.testing.assert_allclose(own, np.tile(bones, (len(own), 1)), atol=1e-9)
+    assert np.linalg.norm(never.positions[near, foot] - places[0], axis=1).max() > 0.003
+    np.testing.assert_allclose(leaves.positions[late], never.positions[late], atol=1e-12)
+    way = places[0] - stays.positions[late, hip]
+    reach = stays.positions[late, foot] - stays.positions[late, hip]
+    size = np.linalg.norm(reach, axis=1)
+    np.testing.assert_allclose(size, np.full(late.sum(), 0.999 * bones.sum()), atol=1e-9)
+    cosine = np.einsum("tk,tk->t", way, reach) / np.linalg.norm(way, axis=1) / size
+    np.testing.assert_allclose(cosine, np.ones(late.sum()), atol=1e-9)
+
+
+def test_shares_of_planted_feet_are_in_order(tmp_path):
+    write_bird(tmp_path)
+    text = SHOT.partition("[motion.joints]")[0] + STANDING.replace("[0.2, SHARE]", "[0.05, 1]")
+    (tmp_path / "shot.toml").write_text(text)
+    with pytest.raises(InputError, match=r"planted_feet\[1\].*0.05 s is not after 0.1 s") as told:
+        featherfx.read_shot(tmp_path / "shot.toml")
+    assert len(told.value.problems) == 1

@@ -463,6 +463,12 @@ MOTION_KEYS: dict[str, dict[str, Key]] = {
             " names them.",
             0.0,
         ),
+        "planted_feet": _changing(
+            Number(0, 1),
+            "Share by which feet stand where they are at rest, as far as legs reach that are bent"
+            " at rest, where `joints` names leg, tarsus and foot.",
+            0.0,
+        ),
     },
 }
 

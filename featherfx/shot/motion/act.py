@@ -27,6 +27,16 @@ levels a trunk (beat.py), which is the first, the head takes back a share alone,
 fold: it is turned by R^T H L^a, a = s (1 - share), with s from 0 to 1 as the body without beats is
 pitched down from 0 to L.
 
+Feet that stand while the body goes, by a share that changes over time.
+
+A leg of two bones of lengths l1 and l2 from the hip reaches the place of its foot at rest, d from
+the hip; farther ones are reached as far as it is long. Its first bone leans from the way there by
+
+    cos(b) = (l1^2 + d^2 - l2^2) / (2 l1 d),
+
+to the side to which the leg is bent at rest, in the plane of the way and of that bend. The foot
+itself keeps its direction. So bodies that crouch and rise push off.
+
 Source: Ros and Biewener, Pigeons (C. livia) follow their head during turning flight, Frontiers in
 Neuroscience 11 (2017) 655, summary: the head is steady while the body turns.
 """
@@ -35,17 +45,18 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from featherfx.algebra.interpolation import eased, smooth_step
 from featherfx.algebra.types import Array, Indices
-from featherfx.algebra.vectors import from_rotation_vector, unit
-from featherfx.shot.motion.beat import Flap
+from featherfx.algebra.vectors import frames_from, from_rotation_vector, parallel, unit
+from featherfx.shot.motion.beat import Flap, Track, track_of
 from featherfx.shot.motion.joints import (
     HEAD,
+    LEGS,
     NECK,
     JointPoses,
     MissingJointError,
@@ -136,6 +147,56 @@ def _turn_between(first: Array, second: Array) -> Array:
     return from_rotation_vector(math.atan2(sine, float(first @ second)) / sine * axis)
 
 
+_STRAIGHT = 0.999  # of a leg's length, that its hip is away from its foot at most
+
+
+@dataclass(frozen=True)
+class PlantedFeet:
+    """Poses whose feet stand. planted: times (s) and shares. legs: (3,) hips, heels and feet, bent
+    at rest. parents: (J,) of joints."""
+
+    own: PosesOverTime
+    skeleton: Skeleton
+    planted: Track
+    legs: Sequence[Indices]
+    parents: Indices
+
+    def __call__(self, time: float) -> JointPoses:
+        """Return the poses of joints at a time in s."""
+        found, share = self.own(time), eased(*self.planted, time)
+        if share == 0.0:
+            return found
+        rotations = found.rotations.copy()
+        turns, shifts = self.skeleton.carriers(found)
+        for leg in self.legs:
+            hip = turns[leg[0]] @ self.skeleton.pivots[leg[0]] + shifts[leg[0]]
+            above = turns[self.parents[leg[0]]]
+            for joint, turn in zip(leg, self._stand(leg, hip, above), strict=True):
+                stands = above.T @ turn
+                back = rotations[joint].T @ stands
+                rotations[joint] = rotations[joint] @ scaled_turns(back[None], share)[0]
+                above = turn
+        return found._replace(rotations=rotations)
+
+    def _stand(self, leg: Indices, hip: Array, above: Array) -> list[Array]:
+        """(3, 3) turns of a leg's joints from rest, whose hip is at (3,) m. above: (3, 3), of what
+        bears it."""
+        upper, lower = np.diff(self.skeleton.pivots[leg], axis=0)
+        first, second = np.linalg.norm(upper), np.linalg.norm(lower)
+        way = self.skeleton.pivots[leg[2]] - hip
+        bend = np.cross(upper, lower)
+        aside = np.cross(way, np.cross(above @ bend, way))
+        reach = min(float(np.linalg.norm(way)), _STRAIGHT * float(first + second))
+        cosine = (first**2 + reach**2 - second**2) / (2.0 * first * reach)
+        lean = math.acos(np.clip(cosine, -1.0, 1.0))
+        along = from_rotation_vector(-lean * unit(aside)) @ unit(way)
+        rest = reach * unit(way) - first * along
+        return [
+            frames_from(now, aside) @ frames_from(bone, bend).T
+            for now, bone in ((along, upper), (rest, lower))
+        ] + [np.eye(3)]
+
+
 # share of a body's lift that bears its weight: of one that is level, and least that counts, so
 # that bodies on their sides do not heave without bound
 _LEVEL, _MIN_SHARE = 1.0 - 1e-12, 0.5
@@ -148,15 +209,21 @@ def acted(motion: Motion, shot: Shot, skeleton: Skeleton) -> PosesOverTime:
     """
     calm = _composed(_without_heave(motion), shot, skeleton)
     poses = _banked(_composed(motion, shot, skeleton), calm, -unit(shot.gravity))
-    share = motion.values.get("steady_head", 0.0)
-    if share == 0.0 or HEAD not in skeleton.names:
+    share, names = motion.values.get("steady_head", 0.0), skeleton.names
+    if share > 0.0 and HEAD in names:
+        level, levels = None, _levels_of(motion)
+        if levels.values["motions"]:
+            with contextlib.suppress(MissingJointError):
+                level = _composed(levels, shot, skeleton)
+        heave = _heave_of(motion, float(np.linalg.norm(shot.gravity)))
+        poses = SteadyHead(poses, calm, heave, skeleton, share, level)
+    planted = track_of(motion.values.get("planted_feet", 0.0))
+    whole = (np.array([names.index(k) for k in each]) for each in LEGS if {*each} <= {*names})
+    bones = [(leg, np.diff(skeleton.pivots[leg], axis=0)) for leg in whole]
+    legs = [leg for leg, (upper, lower) in bones if not parallel(upper, lower)]
+    if not (any(planted[1]) and legs):
         return poses
-    level, levels = None, _levels_of(motion)
-    if levels.values["motions"]:
-        with contextlib.suppress(MissingJointError):
-            level = _composed(levels, shot, skeleton)
-    heave = _heave_of(motion, float(np.linalg.norm(shot.gravity)))
-    return SteadyHead(poses, calm, heave, skeleton, share, level)
+    return PlantedFeet(poses, skeleton, planted, legs, PoseComposer.of(skeleton).parents)
 
 
 def _heave_of(motion: Motion, gravity: float) -> Callable[[float], float]:

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 NECK, HEAD = "neck", "head"
 TARSI = "right_tarsus", "left_tarsus"
+# hips, heels and feet
+LEGS = tuple((f"{side}_leg", f"{side}_tarsus", f"{side}_foot") for side in ("right", "left"))
 # by their parents
 BODY_JOINTS: Mapping[str, str] = {
     NECK: "",

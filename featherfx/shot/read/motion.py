@@ -127,6 +127,8 @@ def read_motion(
         values.pop(source)
     _check_pairs(place.child("amount"), clock.amount, Number(0.0, 2.0))
     if kind == "act":
+        if isinstance(values["planted_feet"], tuple):
+            _check_pairs(place.child("planted_feet"), values["planted_feet"], Number(0.0, 1.0))
         at = Place(tree["motions"].source, place.child("motions").key, problems)
         with problems.collecting():
             values["motions"] = _parts(values["motions"], at, library, groom, readers, depth)
