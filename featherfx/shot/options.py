@@ -215,6 +215,8 @@ def resolve_options(
     pushing = np.zeros(len(feathers), dtype=np.bool_)
     if shot.contact is not None:
         pushing = np.array(may_touch(shot, shot.contact), dtype=np.bool_)
+    if measured:
+        full = _as_drawn_apart(shot, full, np.flatnonzero(pushing), quality)
     common = common_tolerance(shot) if pushing.any() else 0.0
     for f in range(len(placements)):
         if pushing[f]:
@@ -289,9 +291,11 @@ class _QualitySources:
 
 
 def simulation_quality(shot: Shot) -> Quality:
-    """Return the quality by which feathers are simulated: where they push each other, its numbers
-    for that."""
-    return shot.quality if shot.contact is None else shot.quality.pushing
+    """Return the quality by which feathers are simulated: where they push each other, with its
+    tolerance for that."""
+    if shot.contact is None:
+        return shot.quality
+    return replace(shot.quality.pushing, error=shot.quality.error)
 
 
 def _pulled(shot: Shot) -> set[str]:
@@ -401,6 +405,27 @@ def _in_contact(own: FeatherOptions, shot: Shot, common: float) -> FeatherOption
     if shot.contact.max_steps <= own.max_substeps:
         own = own.by("[contact] max_steps", max_substeps=shot.contact.max_steps)
     return own
+
+
+def _as_drawn_apart(
+    shot: Shot, full: Sequence[FeatherOptions], pushing: Indices, quality: Quality
+) -> list[FeatherOptions]:
+    """Return the options of all feathers, with no coarser grid than the quality's own of those
+    that push others and have no leaf in a coat, or are through each other at rest on what was
+    measured: there, what is drawn would pass where what is simulated touches."""
+    found, own = list(full), given_by_quality(quality)
+    some = [
+        f for f in pushing.tolist() if own.rows > found[f].rows or own.columns > found[f].columns
+    ]
+    placements = [shot.groom.feathers[f] for f in some]
+    grids = [(found[f].rows, found[f].columns) for f in some]
+    fine = [(max(rows, own.rows), max(columns, own.columns)) for rows, columns in grids]
+    if any(each.leaf is not None for each in placements):
+        fine = load_name("contact.pairs:finer_where_crossed")(placements, shot.contact, grids, fine)
+    for f, (rows, columns) in zip(some, fine, strict=True):
+        if (rows, columns) != (found[f].rows, found[f].columns):
+            found[f] = found[f].by("meshes, in contact", rows=rows, columns=columns)
+    return found
 
 
 def _promise(shot: Shot) -> tuple[float | None, str]:

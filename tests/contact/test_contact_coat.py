@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import pytest
 
 from featherfx.api import read_shot
 from featherfx.errors import InputWarning
 from featherfx.lab.plumage import write_patch
+from featherfx.shot.contact import pairs
 from featherfx.shot.loop.simulate import simulate
+from featherfx.shot.options import SPACE
 
 COUNT = 100
 # feathers of one more region, whose tips meet those of the first
@@ -33,12 +37,36 @@ prim = "/skin"
 """
 
 
-def test_a_coat_with_feathers_through_each_other_settles_and_moves_as_it_is_drawn(tmp_path):
-    path = write_patch(tmp_path, COUNT, 2)
+def coat_of(folder, count):
+    path = write_patch(folder, count, 2)
     groom = path.with_name("groom.toml")
-    groom.write_text(groom.read_text() + AGAINST.format(count=COUNT))
+    groom.write_text(groom.read_text() + AGAINST.format(count=count))
     path.write_text(SHOT)
-    shot = read_shot(path)
+    return read_shot(path)
+
+
+@pytest.mark.filterwarnings("ignore::featherfx.errors.InputWarning")
+def test_feathers_that_only_chords_of_coarse_grids_put_through_each_other_get_finer(
+    tmp_path, monkeypatch
+):
+    def crossed_and_grids():
+        simulation = simulate(shot)
+        own = Counter((each.rows, each.columns) for each in simulation.options)
+        return simulation.report["contact"]["crossed_pairs"], own
+
+    shot = coat_of(tmp_path, 60)
+    drawn = shot.quality.rows, shot.quality.columns
+    crossed, grids = crossed_and_grids()
+    assert set(grids) == {SPACE[0][:2], drawn}
+    assert 0 < grids[drawn] < 60 / 2
+    monkeypatch.setattr(pairs, "_REFINEMENTS", 0)
+    more, grids = crossed_and_grids()
+    assert set(grids) == {SPACE[0][:2]}
+    assert crossed < more / 2
+
+
+def test_a_coat_with_feathers_through_each_other_settles_and_moves_as_it_is_drawn(tmp_path):
+    shot = coat_of(tmp_path, COUNT)
     with pytest.warns(InputWarning, match=r"pass through each other at rest.*stay as they are"):
         simulation = simulate(shot)
     assert len(list(simulation)) == 2

@@ -19,6 +19,7 @@ from featherfx.solver.contact.surfaces import (
     grids_of,
     moving_bodies,
     no_memory,
+    shapes_of,
     surfaces_of,
     wall_of,
 )
@@ -45,7 +46,7 @@ class Scene:
         places = self.rng.uniform(-1.0, 1.0, (FEATHERS, 3)) * size
         model, state = free_feathers("body_contour", places, rows=7, columns=3)
         grids = grids_of([model])
-        self.surfaces = surfaces_of([model], grids, [0.5 * THICKNESS] * FEATHERS)
+        self.surfaces = surfaces_of(shapes_of([model]), grids, [0.5 * THICKNESS] * FEATHERS)
         self.points = grids.together([state.points.nodes])
         self.margins = np.full(FEATHERS, MARGIN)
         pairs = np.array([(a, b) for a in range(FEATHERS) for b in range(FEATHERS) if a != b])
@@ -173,7 +174,7 @@ def flat_pair(order, start, ahead, recovery=1e-6, above=False):
     above: whether all its points were above the host before."""
     model, state = free_feathers("body_contour", np.zeros((2, 3)), rows=7, columns=3)
     grids = grids_of([model])
-    surfaces = surfaces_of([model], grids, [0.5 * THICKNESS] * 2)
+    surfaces = surfaces_of(shapes_of([model]), grids, [0.5 * THICKNESS] * 2)
     candidates = Candidates(np.array([(0, 1)]), np.array([order]), np.zeros(1))
     poses = [grids.together([state.points.nodes]) for _ in range(2)]
     poses[0][0] += start

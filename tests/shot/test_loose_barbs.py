@@ -12,7 +12,7 @@ from featherfx.groom.types import FeatherKind, Hooked
 from featherfx.lab.feather import feather_kind
 from featherfx.mechanics.batch import FIBRE_FRACTION, make_model
 from featherfx.mechanics.model import no_loads
-from featherfx.solver.contact.surfaces import as_torn, grids_of, surfaces_of
+from featherfx.solver.contact.surfaces import as_torn, grids_of, shapes_of, surfaces_of
 from featherfx.solver.solver import Settings, Solver, hold_roots
 from featherfx.solver.state import rest_state
 
@@ -101,7 +101,7 @@ def test_what_spans_an_open_gap_touches_nothing(side: int, rim: slice):
     model = make_model([FEATHER], [OPEN], 1)
     state = rest_state(model, np.zeros((1, 3)), np.eye(3)[None])
     grids = grids_of([model])
-    whole = surfaces_of([model], grids, [6e-5])
+    whole = surfaces_of(shapes_of([model]), grids, [6e-5])
     state.gaps.hooked[0, side, PUSHED] = 0.0
     torn = as_torn(whole, grids, [model], [state])
     gone = whole.exists[0] != torn.exists[0]

@@ -20,20 +20,18 @@ from numpy.typing import NDArray
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputWarning
 from featherfx.feather.types import Feather
-from featherfx.groom.types import Placement
 from featherfx.mechanics.model import Loads
 from featherfx.shot.contact.bodies import Bodies, FeathersOver
 from featherfx.shot.contact.local_retry import SpanInputs, Stepper
 from featherfx.shot.contact.obstacles import Obstacles
-from featherfx.shot.contact.pairs import DEEP, Encounters, FeathersAtRest, layered_pairs
+from featherfx.shot.contact.pairs import DEEP, Encounters, at_rest, layered_pairs, thicknesses
 from featherfx.shot.contact.settle import raised_points, settled_together, warn_of_unsettled
 from featherfx.shot.contact.steps import MORE_ITERATIONS, FrameSteps, StepPacing, StepRules
-from featherfx.shot.frames import place
 from featherfx.shot.loop.free_group import skip_frame
 from featherfx.shot.options import ShotOptions
 from featherfx.shot.types import Shot
 from featherfx.solver.contact.interval import ContactSolver
-from featherfx.solver.contact.surfaces import grids_of, surfaces_of
+from featherfx.solver.contact.surfaces import grids_of, shapes_of, surfaces_of
 from featherfx.solver.contact.types import (
     GROWN_IN,
     Candidates,
@@ -110,15 +108,12 @@ class ShotContact:
         placements = [shot.groom.feathers[k] for k in order]
         own = [options.feathers[k] for k in order]
         self.names = [placement.id for placement in placements]
-        thickness = np.array([p.kind.vane_material.thickness for p in placements])
-        if self.contact.thickness is not None:
-            thickness[:] = self.contact.thickness
-        rest = _at_rest(feathers, placements)
+        thickness = thicknesses(placements, self.contact)
+        rest = at_rest(feathers, placements)
         models, halves = [solver.model for solver in solvers], 0.5 * thickness
         grids = grids_of(models)
-        every = layered_pairs(rest, surfaces_of(models, grids, halves), grids)
-        crossed = every.crossed > thickness[every.pairs].min(axis=1)
-        crossed |= np.roll(crossed, len(crossed) // 2)  # in either role
+        every = layered_pairs(rest, surfaces_of(shapes_of(models), grids, halves), grids)
+        crossed = every.through(thickness)
         self._crossed = self._through_each_other(every.pairs[crossed], every.crossed[crossed])
         others = obstacles.may_touch(every.pairs, order) & ~crossed
         candidates = Candidates(every.pairs[others], every.order[others], every.depth[others])
@@ -394,18 +389,6 @@ def _warn_of(yielded: Flags, names: Sequence[str], time: float) -> None:
             InputWarning,
             stacklevel=2,
         )
-
-
-def _at_rest(feathers: Sequence[Feather], placements: Sequence[Placement]) -> FeathersAtRest:
-    return FeathersAtRest(
-        nodes=[
-            place(feather.rest, placement.position, placement.rotation).nodes
-            for feather, placement in zip(feathers, placements, strict=True)
-        ],
-        lengths=np.array([feather.station[-1] for feather in feathers]),
-        ranks=np.array([placement.rank for placement in placements]),
-        dorsal=np.stack([placement.rotation[:, 2] for placement in placements]),
-    )
 
 
 def _slept(states: Sequence[State], reports: Sequence[StepReport], duration: float) -> list[State]:

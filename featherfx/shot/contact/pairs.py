@@ -18,17 +18,29 @@ out of it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from featherfx.algebra.types import Array, Indices
+from featherfx.feather.placed_feathers import build_feathers
+from featherfx.feather.types import Feather
 from featherfx.files.disk_cache import kept
+from featherfx.groom.types import Placement
 from featherfx.jit.compiled import KernelModule
+from featherfx.shot.frames import place
+from featherfx.shot.types import Contact
 from featherfx.solver.contact.search import Searcher
-from featherfx.solver.contact.surfaces import WALL_FIT, Grids, moving_bodies, no_memory
+from featherfx.solver.contact.surfaces import (
+    WALL_FIT,
+    Grids,
+    VaneShapes,
+    moving_bodies,
+    no_memory,
+    surfaces_of,
+)
 from featherfx.solver.contact.types import Candidates, SearchSettings, VaneSurfaces
 from featherfx.solver.state import RootPath, State
 
@@ -46,9 +58,15 @@ DEEP = 0.05
 # the same where the larger half of two that cut through each other is all that tells: some row
 # of feathers came apart at 0.020, one at 0.029 found no balance
 LEANING = 0.025
+# times that feathers become fine where they are through each other at rest: a pigeon needs two
+_REFINEMENTS = 2
 # cosine between the backs of two feathers that grow on both sides of something; rad, most that such
 # are turned up by
 OPPOSED, MAX_RAISED = -0.5, 1.0
+
+
+# rows and columns
+Grid = tuple[int, int]
 
 
 class FeathersAtRest(NamedTuple):
@@ -74,6 +92,76 @@ class Layered(NamedTuple):
     depth: Array
     crossed: Array
     raised: Array
+
+    def through(self, thickness: Array) -> NDArray[np.bool_]:
+        """(N,) which pairs are through each other by more than the thinner vane of (F,) m."""
+        found = self.crossed > thickness[self.pairs].min(axis=1)
+        return np.asarray(found | np.roll(found, len(found) // 2))  # in either role
+
+
+def at_rest(feathers: Sequence[Feather], placements: Sequence[Placement]) -> FeathersAtRest:
+    """Placed feathers at rest."""
+    return FeathersAtRest(
+        nodes=[
+            place(feather.rest, placement.position, placement.rotation).nodes
+            for feather, placement in zip(feathers, placements, strict=True)
+        ],
+        lengths=np.array([feather.station[-1] for feather in feathers]),
+        ranks=np.array([placement.rank for placement in placements]),
+        dorsal=np.stack([placement.rotation[:, 2] for placement in placements]),
+    )
+
+
+def thicknesses(placements: Sequence[Placement], contact: Contact) -> Array:
+    """(F,) m, of vanes as contact has them."""
+    own = [each.kind.vane_material.thickness for each in placements]
+    return np.array(own if contact.thickness is None else [contact.thickness] * len(own))
+
+
+def finer_where_crossed(
+    placements: Sequence[Placement], contact: Contact, coarse: Sequence[Grid], fine: Sequence[Grid]
+) -> list[Grid]:
+    """Return the grid of each feather: the coarse one of those that have a leaf, but the fine one
+    where they are through others at rest.
+
+    The chords of neighbours on one grid lie alike: where one becomes finer, others may have to.
+    """
+    given = zip(placements, coarse, fine, strict=True)
+    grids = [few if each.leaf is not None else many for each, few, many in given]
+    built: dict[Grid, list[Feather]] = {}
+    for _ in range(_REFINEMENTS):
+        for grid in {*grids} - {*built}:
+            built[grid] = build_feathers(placements, *grid)
+        order = sorted(range(len(grids)), key=lambda f: grids[f])
+        feathers = [built[grids[f]][f] for f in order]
+        own = [placements[f] for f in order]
+        thickness = thicknesses(own, contact)
+        batches = [[*some] for _, some in groupby(feathers, key=lambda f: (f.rows, f.columns))]
+        every = layered_pairs(at_rest(feathers, own), *_surfaces(batches, 0.5 * thickness))
+        crossed = np.array(order)[np.unique(every.pairs[every.through(thickness)])]
+        if all(grids[f] == fine[f] for f in crossed):
+            break
+        for f in crossed.tolist():
+            grids[f] = fine[f]
+    return grids
+
+
+def _surfaces(batches: Sequence[Sequence[Feather]], halves: Array) -> tuple[VaneSurfaces, Grids]:
+    """Surfaces of feathers, by batches on one grid each. halves: m, of all."""
+    shapes = [
+        VaneShapes(
+            np.stack([each.cell for each in some]),
+            np.stack([each.barb_length / each.columns for each in some]),
+            np.stack([np.diff(each.station) for each in some]),
+        )
+        for some in batches
+    ]
+    grids = Grids(
+        np.concatenate([[0], np.cumsum([len(some) for some in batches])]),
+        np.array([some[0].rows for some in batches]),
+        np.array([some[0].columns for some in batches]),
+    )
+    return surfaces_of(shapes, grids, halves), grids
 
 
 def layered_pairs(rest: FeathersAtRest, surfaces: VaneSurfaces, grids: Grids) -> Layered:

@@ -38,6 +38,7 @@ from featherfx.solver.contact.surfaces import (
     grids_of,
     moving_bodies,
     no_memory,
+    shapes_of,
     surfaces_of,
 )
 from featherfx.solver.contact.types import (
@@ -109,7 +110,7 @@ class ContactSolver:
         self.candidates = candidates
         self._models = models = [solver.model for solver in solvers]
         self.grids = grids_of(models)
-        self.surfaces = self._whole = surfaces_of(models, self.grids, halves)
+        self.surfaces = self._whole = surfaces_of(shapes_of(models), self.grids, halves)
         self._elastic = self.grids.together([elastic_stiffness(model) for model in models])
         firm = [elastic_stiffness(model, NEAR_ROOT_OF_OBSTACLE) for model in models]
         self._firm = self.grids.together(firm)

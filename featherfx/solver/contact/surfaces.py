@@ -172,15 +172,31 @@ def grids_of(models: Sequence[Model]) -> Grids:
     )
 
 
+class VaneShapes(NamedTuple):
+    """F vanes on one grid. cell: (F, 2, n - 1, m, 2) which triangles there are. segment: (F, 2, n)
+    m, of barbs, between two nodes. length: (F, n - 1) m, of the shaft between rows."""
+
+    cell: Flags
+    segment: Array
+    length: Array
+
+
+def shapes_of(models: Sequence[Model]) -> list[VaneShapes]:
+    """The vanes of some batches."""
+    return [
+        VaneShapes(model.cell_stiffness[..., 0] != 0.0, model.segment, model.length)
+        for model in models
+    ]
+
+
 def surfaces_of(
-    models: Sequence[Model], grids: Grids, halves: Sequence[float] | Array
+    shapes: Sequence[VaneShapes], grids: Grids, halves: Sequence[float] | Array
 ) -> VaneSurfaces:
     """Surfaces of all feathers of some batches. halves: m, half thickness of each body's vane."""
     bodies, rows, m = grids.bodies, grids.most_rows, grids.most_columns
     exists = np.zeros((bodies, 2, rows - 1, m, 2), dtype=bool)
-    for model, low, high in zip(models, grids.first[:-1], grids.first[1:], strict=True):
-        cells = model.cell_stiffness[..., 0] != 0.0
-        exists[low:high, :, : cells.shape[2], : cells.shape[3]] = cells
+    for (cell, _, _), low, high in zip(shapes, grids.first[:-1], grids.first[1:], strict=True):
+        exists[low:high, :, : cell.shape[2], : cell.shape[3]] = cell
     present = np.zeros((bodies, rows, 2 * m + 1), dtype=np.int8)
     for side in range(2):
         node = np.zeros((bodies, rows, m + 1), dtype=bool)
@@ -196,14 +212,14 @@ def surfaces_of(
     half = np.broadcast_to(np.asarray(halves)[:, None, None], (bodies, rows, 1 + 2 * m))
     columns = grids.own_columns()
     guests = _guests(present, columns)
-    for model, low, high in zip(models, grids.first[:-1], grids.first[1:], strict=True):
+    for (_, segment, _), low, high in zip(shapes, grids.first[:-1], grids.first[1:], strict=True):
         # nodes of barbs without length are all where the shaft is, which is the guest then
-        own = guests[low:high, : model.rows]
+        own = guests[low:high, : segment.shape[2]]
         for side, barb in ((0, slice(m + 1, 2 * m + 1)), (1, slice(0, m))):
-            gone = model.segment[:, side] == 0.0
+            gone = segment[:, side] == 0.0
             own[..., m] |= gone & own[..., barb].any(axis=2)
             own[..., barb][gone] = 0
-    far = np.concatenate([_far(model) for model in models])
+    far = np.concatenate([_far(each) for each in shapes])
     return VaneSurfaces(
         present, guests, exists.astype(np.int8), np.array(half, dtype=float), columns, far
     )
@@ -231,11 +247,11 @@ def as_torn(
     return surfaces._replace(guests=guests, exists=exists)
 
 
-def _far(model: Model) -> Array:
+def _far(shapes: VaneShapes) -> Array:
     """(F,) m, VaneSurfaces.far: where the deepest comes back from, and half a cell's size."""
-    row, length = model.length.max(axis=1), model.length.sum(axis=1)
-    segment = model.segment.max(axis=(1, 2), initial=0.0)
-    return _DEEPEST * length + row + segment + _FAN * model.columns * segment
+    row, length = shapes.length.max(axis=1), shapes.length.sum(axis=1)
+    segment = shapes.segment.max(axis=(1, 2), initial=0.0)
+    return _DEEPEST * length + row + segment + _FAN * shapes.cell.shape[3] * segment
 
 
 def moving_bodies(start: Array, ahead: Array, impedance: Array) -> MovingBodies:
