@@ -180,7 +180,15 @@ def resolve_options(
     source_of = _QualitySources(shot)
     free = np.array(last_fitting(shot.detachments, placements), dtype=np.int64) >= 0
     levels = _choose_levels(shot, motion, free, source_of)
-    full = [given_by_quality(quality, source_of)] * len(feathers)
+    given = given_by_quality(quality, source_of)
+    full = [given] * len(feathers)
+    pushing = np.zeros(len(feathers), dtype=np.bool_)
+    if shot.contact is not None:
+        pushing = np.array(may_touch(shot, shot.contact), dtype=np.bool_)
+    # what is drawn of feathers on a grid of their own would pass where that touches; in a coat,
+    # chords of neighbours lie alike
+    as_drawn = pushing & np.array([each.leaf is None for each in placements], dtype=np.bool_)
+    as_drawn &= quality.tolerance is not None
     measured: Sequence[MeasuredGrid] = ()
     is_measured = True
     if quality.promised is not None or CHOSEN in (quality.coefficients, quality.simulated_rows):
@@ -191,13 +199,14 @@ def resolve_options(
         deflections = estimate_deflections(shot, feathers, loads, frozenset(looked_at))
         if quality.promised is not None:
             measure = load_name("loop.grids:measure_grids")
-            found = measure(shot, np.array(solved, dtype=np.int64), loads, deflections, free, until)
+            some = np.array([f for f in solved if not as_drawn[f]], dtype=np.int64)
+            found = measure(shot, some, loads, deflections, free, until)
             is_measured = found is not None
             measured = found or [first_grid(quality.promised)] * len(feathers)
             why = f"measured for an error of {100.0 * quality.promised:g} % ({source_of('error')})"
         for f, (feather, placement) in enumerate(zip(feathers, placements, strict=True)):
             kind, bent = placement.kind, deflections[f]
-            if measured:
+            if measured and not as_drawn[f]:
                 own = _measured_options(full[f], quality, kind.length, measured[f], why)
             else:
                 pressure = vane_pressure(kind, loads, f)
@@ -212,11 +221,8 @@ def resolve_options(
                     own = own.by(source, coefficients=least)
             full[f] = own
     full = [_of_kind(own, shot, p.kind, source_of) for own, p in zip(full, placements, strict=True)]
-    pushing = np.zeros(len(feathers), dtype=np.bool_)
-    if shot.contact is not None:
-        pushing = np.array(may_touch(shot, shot.contact), dtype=np.bool_)
-    if measured:
-        full = _as_drawn_apart(shot, full, np.flatnonzero(pushing), quality)
+    if measured and (pushing & ~as_drawn).any():
+        full = _in_coats(shot, full, np.flatnonzero(pushing), given)
     common = common_tolerance(shot) if pushing.any() else 0.0
     for f in range(len(placements)):
         if pushing[f]:
@@ -407,22 +413,18 @@ def _in_contact(own: FeatherOptions, shot: Shot, common: float) -> FeatherOption
     return own
 
 
-def _as_drawn_apart(
-    shot: Shot, full: Sequence[FeatherOptions], pushing: Indices, quality: Quality
+def _in_coats(
+    shot: Shot, full: Sequence[FeatherOptions], pushing: Indices, given: FeatherOptions
 ) -> list[FeatherOptions]:
-    """Return the options of all feathers, with no coarser grid than the quality's own of those
-    that push others and have no leaf in a coat, or are through each other at rest on what was
-    measured: there, what is drawn would pass where what is simulated touches."""
-    found, own = list(full), given_by_quality(quality)
-    some = [
-        f for f in pushing.tolist() if own.rows > found[f].rows or own.columns > found[f].columns
-    ]
-    placements = [shot.groom.feathers[f] for f in some]
-    grids = [(found[f].rows, found[f].columns) for f in some]
-    fine = [(max(rows, own.rows), max(columns, own.columns)) for rows, columns in grids]
-    if any(each.leaf is not None for each in placements):
-        fine = load_name("contact.pairs:finer_where_crossed")(placements, shot.contact, grids, fine)
-    for f, (rows, columns) in zip(some, fine, strict=True):
+    """Return the options of all feathers, those that push others on no finer grid than the given
+    one of the meshes, and on that where a coarser one has them through each other at rest."""
+    found, placements = list(full), shot.groom.feathers
+    own = [found[f] for f in pushing]
+    grids = [(min(each.rows, given.rows), min(each.columns, given.columns)) for each in own]
+    refine = load_name("contact.pairs:finer_where_crossed")
+    fine = given.rows, given.columns
+    grids = refine([placements[f] for f in pushing], shot.contact, grids, fine)
+    for f, (rows, columns) in zip(pushing.tolist(), grids, strict=True):
         if (rows, columns) != (found[f].rows, found[f].columns):
             found[f] = found[f].by("meshes, in contact", rows=rows, columns=columns)
     return found

@@ -70,7 +70,7 @@ class Quality:
         float | None,
         Number(1e-9, 0.1, "m"),
         "`tolerance` where feathers push each other, as these take common steps; no `error` is "
-        "promised then, and chooses their rows and columns alone. Default: as elsewhere.",
+        "promised then, and chooses rows and columns in coats alone. Default: as elsewhere.",
     ] = None
     max_substeps: Annotated[
         int,

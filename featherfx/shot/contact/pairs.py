@@ -119,31 +119,24 @@ def thicknesses(placements: Sequence[Placement], contact: Contact) -> Array:
 
 
 def finer_where_crossed(
-    placements: Sequence[Placement], contact: Contact, coarse: Sequence[Grid], fine: Sequence[Grid]
+    placements: Sequence[Placement], contact: Contact, grids: Sequence[Grid], fine: Grid
 ) -> list[Grid]:
-    """Return the grid of each feather: the coarse one of those that have a leaf, but the fine one
-    where they are through others at rest.
+    """Return the grids of feathers, a fine one of those that are through others at rest on theirs.
 
     The chords of neighbours on one grid lie alike: where one becomes finer, others may have to.
     """
-    given = zip(placements, coarse, fine, strict=True)
-    grids = [few if each.leaf is not None else many for each, few, many in given]
-    built: dict[Grid, list[Feather]] = {}
+    found, built = list(grids), dict[Grid, list[Feather]]()
     for _ in range(_REFINEMENTS):
-        for grid in {*grids} - {*built}:
+        for grid in {*found} - {*built}:
             built[grid] = build_feathers(placements, *grid)
-        order = sorted(range(len(grids)), key=lambda f: grids[f])
-        feathers = [built[grids[f]][f] for f in order]
-        own = [placements[f] for f in order]
+        order = sorted(range(len(found)), key=lambda f: found[f])
+        feathers, own = [built[found[f]][f] for f in order], [placements[f] for f in order]
         thickness = thicknesses(own, contact)
         batches = [[*some] for _, some in groupby(feathers, key=lambda f: (f.rows, f.columns))]
         every = layered_pairs(at_rest(feathers, own), *_surfaces(batches, 0.5 * thickness))
-        crossed = np.array(order)[np.unique(every.pairs[every.through(thickness)])]
-        if all(grids[f] == fine[f] for f in crossed):
-            break
-        for f in crossed.tolist():
-            grids[f] = fine[f]
-    return grids
+        for k in np.unique(every.pairs[every.through(thickness)]):
+            found[order[k]] = fine
+    return found
 
 
 def _surfaces(batches: Sequence[Sequence[Feather]], halves: Array) -> tuple[VaneSurfaces, Grids]:

@@ -329,7 +329,7 @@ class ErrorStage(Stage):
         several = {int(f) for g in run.groups for f in g.members[g.several]}
         for f in sorted(int(f) for g in run.groups for f in g.members):
             error, is_unique = math.inf, True
-            if options.measured:
+            if options.promised_error is not None and options.measured:
                 _, _, error, is_unique = options.measured[f]
                 is_unique &= math.isfinite(error)
             if f in several or options.feathers[f].level != "full":
