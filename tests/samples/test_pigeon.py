@@ -207,6 +207,13 @@ def test_a_laid_out_coat_does_not_cross(groom, laid):
     assert len(crossed(some(laid), 21, 6)) < 0.01 * len(some(laid))
 
 
+def test_scapulars_lie_over_the_coverts_of_a_folded_wing(laid):
+    parts = "scapular", "median_coverts"
+    own = {f.id: f for f in laid.feathers if f.region in parts or "lesser" in f.id}
+    pairs = crossed(list(own.values()), 21, 6)
+    assert sum((own[a].leaf is None) != (own[b].leaf is None) for a, b in pairs) < 4
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("group", ["all", None])
 def test_many_feathers_share_few_prims(tmp_path, group):
