@@ -29,10 +29,12 @@ pitched down from 0 to L.
 
 Feet that stand while the body goes, by a share that changes over time.
 
-A leg of two bones of lengths l1 and l2 from the hip reaches the place of its foot at rest, d from
-the hip; farther ones are reached as far as it is long. Its first bone leans from the way there by
+A leg of two bones of lengths l1 and l2 from the hip reaches towards the place of its foot at rest,
+d from the hip, by r. Beyond its reach d_0 at rest it stretches ever less, as it would snap straight
+at its full length l1 + l2. Its first bone leans from the way by b:
 
-    cos(b) = (l1^2 + d^2 - l2^2) / (2 l1 d),
+    r = d,  of d > d_0:  d_0 + s (1 - exp((d_0 - d) / s)),  s = l1 + l2 - d_0
+    cos(b) = (l1^2 + r^2 - l2^2) / (2 l1 r),
 
 to the side to which the leg is bent at rest, in the plane of the way and of that bend. The foot
 itself keeps its direction. So bodies that crouch and rise push off.
@@ -147,9 +149,6 @@ def _turn_between(first: Array, second: Array) -> Array:
     return from_rotation_vector(math.atan2(sine, float(first @ second)) / sine * axis)
 
 
-_STRAIGHT = 0.999  # of a leg's length, that its hip is away from its foot at most
-
-
 @dataclass(frozen=True)
 class PlantedFeet:
     """Poses whose feet stand. planted: times (s) and shares. legs: (3,) hips, heels and feet, bent
@@ -186,11 +185,14 @@ class PlantedFeet:
         way = self.skeleton.pivots[leg[2]] - hip
         bend = np.cross(upper, lower)
         aside = np.cross(way, np.cross(above @ bend, way))
-        reach = min(float(np.linalg.norm(way)), _STRAIGHT * float(first + second))
-        cosine = (first**2 + reach**2 - second**2) / (2.0 * first * reach)
+        away, reach = float(np.linalg.norm(way)), float(np.linalg.norm(upper + lower))
+        spare = float(first + second) - reach
+        if away > reach:
+            away = reach - spare * math.expm1((reach - away) / spare)
+        cosine = (first**2 + away**2 - second**2) / (2.0 * first * away)
         lean = math.acos(np.clip(cosine, -1.0, 1.0))
         along = from_rotation_vector(-lean * unit(aside)) @ unit(way)
-        rest = reach * unit(way) - first * along
+        rest = away * unit(way) - first * along
         return [
             frames_from(now, aside) @ frames_from(bone, bend).T
             for now, bone in ((along, upper), (rest, lower))
