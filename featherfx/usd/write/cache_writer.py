@@ -170,6 +170,7 @@ class CacheWriter:
         self._prims = AnimatedPrims.of_cache(groups, self._info.root_path, form)
         self._resumable = continuation is not None
         self._parts: Parts | None = None
+        self._chunk: ChunkWriter | None = None
         self._earlier: list[PreviousCache] = []
         if frames is not None:
             inputs = continuation.inputs if continuation else None
@@ -197,6 +198,8 @@ class CacheWriter:
         """Clean up after a failure; finished chunks stay for a resumed bake."""
         with contextlib.suppress(OutputError, OSError):
             self._committing.close()
+        if self._chunk:
+            self._chunk.discard()
         for chunk in self._written:
             chunk.file.discard()
         if self._parts and self._resumable and self._parts.records:
@@ -210,6 +213,7 @@ class CacheWriter:
         Its chunks must have as many samples (`chunk`). Frames then come without these feathers. May
         be called for several caches.
         """
+        assert self._chunk is not None
         self._earlier.append(earlier)
         self._given -= len(feathers)
         self._chunk.take_over(earlier, feathers)
@@ -271,14 +275,15 @@ class CacheWriter:
             raise ValueError(f"frame {frame.number:g} is out of turn. The cache holds {frames}")
         if len(frame.poses) != self._given:
             raise ValueError(f"{len(frame.poses)} feathers given, not {self._given}")
-        bad = self._chunk.add(float(frame.number), frame)
+        assert self._parts is not None
+        assert self._chunk is not None
+        path = self._parts.chunk(self._taken_over + len(self._written))
+        bad = self._chunk.add(float(frame.number), frame, path)
         self._check_finite(bad, frame.time)
         self._next += 1
         if self.ends_chunk(self._next - 1):
             # write the chunk in the background while the next frames come
-            assert self._parts is not None
-            index = self._taken_over + len(self._written)
-            self._written.append(self._chunk.write(self._parts.chunk(index)))
+            self._written.append(self._chunk.write())
             self._committing(self._written[-1], save)
 
     def ends_chunk(self, sample: int) -> bool:
@@ -335,9 +340,8 @@ class CacheWriter:
         if frames is not None and self._next < self._samples:
             message = f"not written: frames {self._code:g} to {frames[1]} never came"
             raise OutputError(Problem(str(self._path), "frames", message))
-        if self._parts:
-            # Samples are on disk; their memory is wanted for what is constant.
-            del self._chunk
+        # Samples are on disk; their memory is wanted for what is constant.
+        self._chunk = None
         for earlier in self._earlier:
             earlier.close()
         with phase("finishing", 2.0) as done:
