@@ -45,8 +45,8 @@ from featherfx.usd.write.unfinished_cache import Parts, Save, list_unfinished_ba
 if TYPE_CHECKING:
     from featherfx.usd.write.previous_cache import PreviousCache
 
-# A chunk is held in memory; large ones get fewer frames, but never less than one. What a chunk
-# costs by itself goes with the feathers, so many small ones get more of it.
+# A stopped bake begins the chunk anew; large ones get fewer frames, but never less than one. What a
+# chunk costs by itself goes with the feathers, so many small ones get more of it.
 _MIN_CHUNK_BYTES, _BYTES_PER_FEATHER, _MAX_CHUNK_BYTES = 32_000_000, 40_000, 128_000_000
 
 
