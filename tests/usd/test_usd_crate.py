@@ -10,7 +10,7 @@ import pytest
 from pxr import Sdf, Vt
 
 from featherfx.usd.types import StageSpace
-from featherfx.usd.write.crate import CrateFile
+from featherfx.usd.write.crate import CrateFile, CrateLayer
 from featherfx.usd.write.layers import StageInfo, new_layer
 
 CODES = [1.0, 1.5, 2.0]
@@ -44,16 +44,16 @@ def test_usd_reads_the_layer_with_its_samples(tmp_path: Path, count: int):
     expected = Sdf.Layer.CreateAnonymous(".usda")
     expected.TransferContent(layer)
     random = np.random.default_rng(1)
-    samples: dict[Any, list[int]] = {}
+    samples = []
     with (tmp_path / "a.usdc").open("wb") as file:
-        crate = CrateFile(file)
+        crate = CrateFile(file, CrateLayer(layer, [path for path, _ in paths]))
         for path, name in paths:
             _, kind, shape, number = KINDS[name]
             values = [(9.0 * random.random((count, *shape))).astype(number) for _ in CODES[1:]]
             stands = [crate.add(each) for each in values]
-            samples[path] = [*stands, stands[0]]  # the first once more
+            samples.append([*stands, stands[0]])  # the first once more
             for code, each in zip(CODES, [*values, values[0]], strict=True):
                 expected.SetTimeSample(path, code, kind.FromNumpy(each))
-        crate.finish(layer, CODES, samples)
+        crate.finish(CODES, samples)
     found = Sdf.Layer.OpenAsAnonymous(str(tmp_path / "a.usdc"))
     assert found.ExportToString() == expected.ExportToString()

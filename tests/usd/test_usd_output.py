@@ -150,11 +150,10 @@ def test_an_error_of_export_is_one_message(tmp_path, monkeypatch):
 def test_a_chunk_that_reads_back_differently_is_not_published(tmp_path, monkeypatch):
     finish = CrateFile.finish
 
-    def repeat_the_first_sample(self, layer, codes, samples):
-        path = Sdf.Path("/out/feathers/primary_1.points")
-        finish(self, layer, codes, samples | {path: [samples[path][0]] * len(codes)})
+    def repeat_first_samples(self, codes, samples):
+        finish(self, codes, [[each[0]] * len(codes) for each in samples])
 
-    monkeypatch.setattr(CrateFile, "finish", repeat_the_first_sample)
+    monkeypatch.setattr(CrateFile, "finish", repeat_first_samples)
     with pytest.raises(OutputError, match=r"differs.*primary_1\.points"):
         bake(tmp_path / "out.usda")
     assert contents(tmp_path) == {}

@@ -128,7 +128,10 @@ class Presence:
     inputs: tuple[Any, ...] = ()
 
     def __call__(self, points: SurfacePoints) -> Array:
-        result, left = np.zeros(len(points)), np.flatnonzero(self._most[points.triangle] > 0.0)
+        result, left = np.zeros(len(points)), np.arange(len(points))
+        # bounds on all triangles cost more than they save where points are fewer
+        if len(points) > len(self.surface.areas) or "_most" in vars(self):
+            left = np.flatnonzero(self._most[points.triangle] > 0.0)
         result[left] = 1.0
         for rule in self.rules:
             result[left] *= rule(points if len(left) == len(points) else points.some(left))

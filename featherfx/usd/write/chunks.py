@@ -31,7 +31,7 @@ from featherfx.usd.types import (
     PER_FACE_PRIMVARS,
     RATES,
 )
-from featherfx.usd.write.crate import CrateFile
+from featherfx.usd.write.crate import CrateFile, CrateLayer
 from featherfx.usd.write.layers import (
     SCOPES,
     CacheLayers,
@@ -199,6 +199,8 @@ class ChunkWriter:
             for index in self._sampled:
                 for key in prims.paths[index]:
                     prims.create(self._layer, index, key)
+        self._paths = [path for index in self._sampled for path in prims.paths[index].values()]
+        self._crate = CrateLayer(self._layer, self._paths)
         # of each group, the first pose of a chunk, and the last one
         self._first: dict[int, WrittenPose] = {}
         self._later: dict[int, WrittenPose] = {}
@@ -257,7 +259,9 @@ class ChunkWriter:
             stream = file.temporary.open("wb")
             groups = {index: self._prims.groups[index] for index in self._sampled}
             moved = {k: np.zeros(len(own.members), dtype=np.bool_) for k, own in groups.items()}
-            return _ChunkPoses(file, stream, CrateFile(stream), moved, {k: [] for k in groups})
+            return _ChunkPoses(
+                file, stream, CrateFile(stream, self._crate), moved, {k: [] for k in groups}
+            )
 
     def _write_pose(self, run: _ChunkPoses, index: int, pose: WrittenPose) -> None:
         prims, group, moved = self._prims, self._prims.groups[index], run.moved[index]
@@ -275,7 +279,7 @@ class ChunkWriter:
 
     def write(self) -> WrittenChunk:
         """Complete the chunk, read it back, and start the next one. Raises OutputError."""
-        run, prims, layer = self._run, self._prims, self._layer
+        run, prims = self._run, self._prims
         assert run is not None
         constant, digests = "", []
         for index, group in enumerate(prims.groups):
@@ -285,16 +289,11 @@ class ChunkWriter:
                 stays, digest = group.is_at_rest(first), group.digest(first)
             constant += "01"[stays]
             digests.append(digest)
-        layer.startTimeCode, layer.endTimeCode = run.codes[0], run.codes[-1]
-        samples = {
-            path: values
-            for index in self._sampled
-            for path, *values in zip(prims.paths[index].values(), *run.values[index], strict=True)
-        }
+        samples = [each for k in self._sampled for each in zip(*run.values[k], strict=True)]
         with output_errors(), run.file.filling():
-            run.crate.finish(layer, run.codes, samples)
+            run.crate.finish(run.codes, samples)
             run.stream.close()
-        check_samples(run.file, layer, run.codes, self._last_numbers(run))
+        check_samples(run.file, self._layer, run.codes, self._last_numbers(run))
         self._run = None
         return WrittenChunk(
             file=run.file,
