@@ -139,7 +139,7 @@ class CrateLayer:
         return [_Node(spec, element, jump), *below]
 
     def _fields(self, spec: Any) -> dict[str, int]:
-        """What stands for the fields of a spec, by their names."""
+        """List what stands for the fields of a spec, by their names."""
         # sorted, so that equal layers make equal files
         own = {name: self._value(name, spec.GetInfo(name)) for name in sorted(spec.ListInfoKeys())}
         children = _children(spec)
@@ -180,8 +180,8 @@ class CrateFile:
         kind = _ARRAY | _ARRAYS[numbers.dtype.str, numbers.shape[1:]] << _TYPE_BITS
         if not len(numbers):
             return kind
-        self._write(bytes(-self._end % _WHOLE.size))
-        place = self._write(_WHOLE.pack(len(numbers)))
+        gap = -self._end % _WHOLE.size
+        place = self._write(bytes(gap) + _WHOLE.pack(len(numbers))) + gap
         self._write(np.ascontiguousarray(numbers).data.cast("B"))
         return kind | place
 
