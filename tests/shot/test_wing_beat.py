@@ -16,7 +16,7 @@ from featherfx.errors import InputError, InputWarning
 from featherfx.shot.motion.beat import wing_axes
 from featherfx.shot.motion.joint_tracks import find_tracks
 from featherfx.shot.motion.joints import joint_roots, opened_poses, skeleton_of
-from featherfx.shot.motion.motion import joint_poses
+from featherfx.shot.motion.motion import joint_poses, root_motion
 from featherfx.shot.read.read import read_shot
 
 # a beat under way, with both wings open
@@ -336,6 +336,18 @@ def test_wings_bow_round_a_body_only_where_they_fold_and_upper_arms_lie_on_it(tm
         found.append(roots_at(groom, **{by: [(arm[role], 1.0) for role in folded]}).positions)
     away = np.abs(found[1] - found[0]).max()
     assert (away > 1e-3) == ("shoulder" in folded and by == "folds")
+
+
+def test_open_wings_bow_at_no_phase_of_a_beat_that_turns_their_hands_over(tmp_path):
+    """What they would bow for a moment would throw their feathers."""
+    found = []
+    for bow in (0, 25):
+        wing = BIRD.replace('type = "sparrow"', f'type = {{ base = "pigeon", bow = {bow} }}')
+        (tmp_path / "groom.toml").write_text(wing)
+        (tmp_path / "shot.toml").write_text(SHOT + 'base = "hover"\nfit = "none"')
+        motion = root_motion(read_shot(tmp_path / "shot.toml"))
+        found.append([motion.frames(k / 7 / 24).positions for k in range(24)])
+    np.testing.assert_allclose(found[0], found[1], atol=1e-7)
 
 
 def test_a_wing_stands_off_its_shoulder_by_as_much_of_the_offset_as_it_is_folded(tmp_path):

@@ -11,6 +11,7 @@ from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import (
     applied,
     dots,
+    frames_to_quats,
     motions,
     rotation_vectors,
     unit,
@@ -60,7 +61,11 @@ class Bows:
         parents, but for what beats bend. at_rest: roots of flat wings. rotations: (J, 3, 3) of
         carriers. beaten: whether upper arms count."""
         whole = np.maximum(np.linalg.norm(self.hinges, axis=1), 1e-12)
-        folds = self.folds + dots(rotation_vectors(turned), self.hinges) / whole**2
+        # the part of a turn about a hinge: one square to it besides, as of a hand, changes none
+        w, *v = frames_to_quats(turned).T
+        sine = np.copysign(1.0, w) * dots(np.stack(v, axis=1), self.hinges)
+        along = 2.0 * np.arctan2(sine, np.abs(w) * whole)
+        folds = self.folds + along / whole
         rest, fraction = (np.maximum(each, 0.0)[self.joints] for each in (self.folds, folds))
         more = (fraction - rest)[:, None] * self.hinges[self.arms]
         if beaten:
