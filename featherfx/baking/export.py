@@ -119,16 +119,16 @@ def measure_coverage(
             problems.append(Problem(str(picture), "", told))
     require(*problems)
     grid = read_quality(quality, preset_folders)
-    from featherfx.groom.regions.regions import collect_tracts
+    from featherfx.groom.regions.regions import collect_regions
 
-    with collect_tracts() as tracts:
+    with collect_regions() as grown:
         groom = read_groom(groom_path, preset_folders)
-    if not tracts:
+    if not grown:
         told = "there is no [[region]] or [bird], whose skin a coverage is measured on. Add one"
         raise InputError(Problem(str(groom_path), "", told))
     from featherfx.render.coverage import Coverage
 
-    coverage = Coverage(groom, tracts[-1], build_feathers(groom.feathers, grid.rows, grid.columns))
+    coverage = Coverage(groom, grown[-1], build_feathers(groom.feathers, grid.rows, grid.columns))
     with phase("finishing"):
         found = coverage.measure()
         if picture is not None:

@@ -18,6 +18,8 @@ are off by as much.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -30,7 +32,8 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import face_products, unit
 from featherfx.feather.types import RACHIS_PART, Feather
 from featherfx.files.atomic_write import standing
-from featherfx.groom.regions.regions import Tracts
+from featherfx.groom.regions.regions import GrownRegions, Region
+from featherfx.groom.skin.points import SkinSurface
 from featherfx.groom.types import Groom
 from featherfx.render.camera import tile_size
 from featherfx.render.subject import CROSSED, Legend
@@ -56,6 +59,48 @@ _VIEWS = {
     "above": ((1, 0, 0), (0, 1, 0)),
     "below": ((1, 0, 0), (0, -1, 0)),
 }
+
+
+@dataclass(frozen=True)
+class _Tracts:
+    """Skin that regions grow on, T triangles, in the order of the regions' meshes."""
+
+    _regions: tuple[Region, ...]
+    _surfaces: tuple[SkinSurface, ...]
+
+    @property
+    def names(self) -> list[str]:
+        """Ids of the regions."""
+        return [each.entry["id"] for each in self._regions]
+
+    @cached_property
+    def corners(self) -> Array:
+        """(T, 3, 3) m."""
+        return np.concatenate([each.corners for each in self._surfaces])
+
+    @cached_property
+    def owners(self) -> Indices:
+        """(T,) number of the region that is most present at each triangle's middle, -1 where all
+        together are not by half."""
+        found = []
+        for surface in self._surfaces:
+            middles = surface.samples[-1]
+            own = [each.surface is surface for each in self._regions]
+            present = np.zeros((len(own), len(middles)))
+            for number in np.flatnonzero(own):
+                present[number] = self._regions[number].presence(middles)
+            found.append(np.where(present.sum(axis=0) < 0.5, -1, present.argmax(axis=0)))
+        return np.concatenate(found)
+
+    def at(self, triangle: Indices, barycentric: Array) -> tuple[Array, Array]:
+        """Points (N, 3) m and smooth unit normals within triangles (N,)."""
+        places, first = np.zeros((2, len(triangle), 3)), 0
+        for surface in self._surfaces:
+            last = first + len(surface.areas)
+            own = (triangle >= first) & (triangle < last)
+            found = surface.at(triangle[own] - first, barycentric[own])
+            places[:, own], first = (found.position, found.normal), last
+        return places[0], places[1]
 
 
 class _Places(NamedTuple):
@@ -89,8 +134,8 @@ class _Rays:
 class Coverage:
     """Coverage of the skin of a groom that has regions. feathers: built, as the groom has them."""
 
-    def __init__(self, groom: Groom, tracts: Tracts, feathers: Sequence[Feather]) -> None:
-        self._groom, self._skin = groom, tracts
+    def __init__(self, groom: Groom, grown: GrownRegions, feathers: Sequence[Feather]) -> None:
+        self._groom, self._skin = groom, _Tracts(*grown)
         self._names: list[str] = self._skin.names
         own = [each.region for each in groom.feathers]
         self._tract = np.array([self._names.index(r) if r in self._names else -1 for r in own])

@@ -60,7 +60,7 @@ _MIN_FIT = 0.4  # of a feather's length, left where there is no room; by coverag
 
 
 @dataclass(frozen=True)
-class _Region:
+class Region:
     """One region, ready to grow."""
 
     entry: dict[str, Any]
@@ -123,55 +123,15 @@ class _Region:
         return replace(own, rules=rules, bounds=bounds, inputs=inputs)
 
 
-@dataclass(frozen=True)
-class Tracts:
-    """Skin that regions grow on, T triangles, in the order of the regions' meshes."""
-
-    _regions: tuple[_Region, ...]
-    _surfaces: tuple[SkinSurface, ...]
-
-    @property
-    def names(self) -> list[str]:
-        """Ids of the regions."""
-        return [each.entry["id"] for each in self._regions]
-
-    @cached_property
-    def corners(self) -> Array:
-        """(T, 3, 3) m."""
-        return np.concatenate([each.corners for each in self._surfaces])
-
-    @cached_property
-    def owners(self) -> Indices:
-        """(T,) number of the region that is most present at each triangle's middle, -1 where all
-        together are not by half."""
-        found = []
-        for surface in self._surfaces:
-            middles = surface.samples[-1]
-            own = [each.surface is surface for each in self._regions]
-            present = np.zeros((len(own), len(middles)))
-            for number in np.flatnonzero(own):
-                present[number] = self._regions[number].presence(middles)
-            found.append(np.where(present.sum(axis=0) < 0.5, -1, present.argmax(axis=0)))
-        return np.concatenate(found)
-
-    def at(self, triangle: Indices, barycentric: Array) -> tuple[Array, Array]:
-        """Points (N, 3) m and smooth unit normals within triangles (N,)."""
-        places, first = np.zeros((2, len(triangle), 3)), 0
-        for surface in self._surfaces:
-            last = first + len(surface.areas)
-            own = (triangle >= first) & (triangle < last)
-            found = surface.at(triangle[own] - first, barycentric[own])
-            places[:, own], first = (found.position, found.normal), last
-        return places[0], places[1]
-
-
-_LISTENER: ContextVar[list[Tracts] | None] = ContextVar("tracts", default=None)
+# regions of a groom, and the skins that they grow on
+GrownRegions = tuple[tuple[Region, ...], tuple[SkinSurface, ...]]
+_LISTENER: ContextVar[list[GrownRegions] | None] = ContextVar("tracts", default=None)
 
 
 @contextmanager
-def collect_tracts() -> Iterator[list[Tracts]]:
-    """Collect the tracts of grooms that are read within; they hold their stages open."""
-    found: list[Tracts] = []
+def collect_regions() -> Iterator[list[GrownRegions]]:
+    """Collect the regions of grooms that are read within; they hold their stages open."""
+    found: list[GrownRegions] = []
     token = _LISTENER.set(found)
     try:
         yield found
@@ -271,15 +231,15 @@ def _region_drafts(
         for region, wanted, earlier, grown in zip(regions, counts, previous, totals, strict=True):
             drafts += _grown(region, wanted, regions, earlier)
             done(grown)
-    tracts = Tracts(tuple(regions), tuple(each.surface for each in skins.values()))
+    surfaces = tuple(each.surface for each in skins.values())
     if (listeners := _LISTENER.get()) is not None:
-        listeners.append(tracts)
-    return tuple(drafts), tracts.corners
+        listeners.append((tuple(regions), surfaces))
+    return tuple(drafts), np.concatenate([each.corners for each in surfaces])
 
 
 def _region(
     entry: dict[str, Any], place: Place, skin: GroomSkin, store: KindStore, colours: Rule | None
-) -> _Region:
+) -> Region:
     """Raises InputError."""
     surface = skin.surface
     _, kinds, where, along = all_of(
@@ -296,7 +256,7 @@ def _region(
         )
     wide = tuple(each | {"soft": _COLOUR_WIDTH * each["soft"]} for each in entry["where"])
     tint = presence(wide, skin, place.child("where"))
-    return _Region(entry, place, surface, kinds, where, tint, along, skin.space, colours)
+    return Region(entry, place, surface, kinds, where, tint, along, skin.space, colours)
 
 
 def _check_number(entry: dict[str, Any], place: Place) -> None:
@@ -304,7 +264,7 @@ def _check_number(entry: dict[str, Any], place: Place) -> None:
         place.refuse("expects either density or count, one of the two")
 
 
-def _count(region: _Region) -> int:
+def _count(region: Region) -> int:
     """Feathers that a region asks for; of a density kept between runs."""
     entry, source = region.entry, region.surface.source
     if entry["count"] is not None:
@@ -317,7 +277,7 @@ def _count(region: _Region) -> int:
     return int(kept("count", inputs, compute)["count"])
 
 
-def _check_total(regions: Sequence[_Region], counts: Sequence[int], most: int, at: Place) -> None:
+def _check_total(regions: Sequence[Region], counts: Sequence[int], most: int, at: Place) -> None:
     if sum(counts) <= most:
         return
     large = [(r, count) for r, count in zip(regions, counts, strict=True) if count > most // 4]
@@ -330,7 +290,7 @@ def _check_total(regions: Sequence[_Region], counts: Sequence[int], most: int, a
         at.child("max_feathers").fail(f"{told}. Lower a density or raise max_feathers")
 
 
-def _warn_of_nowhere(regions: Sequence[_Region], counts: Sequence[int], at: Place) -> None:
+def _warn_of_nowhere(regions: Sequence[Region], counts: Sequence[int], at: Place) -> None:
     """Warn of regions that ask for feathers where their rules leave no skin."""
     ids = [
         f"'{region.entry['id']}'"
@@ -345,7 +305,7 @@ def _warn_of_nowhere(regions: Sequence[_Region], counts: Sequence[int], at: Plac
 
 
 def _grown(
-    region: _Region, count: int, regions: Sequence[_Region], previous: Sequence[DrawnFeather]
+    region: Region, count: int, regions: Sequence[Region], previous: Sequence[DrawnFeather]
 ) -> list[Draft]:
     """The drafts of a region. previous: feathers whose ids they take, none to have their own."""
     entry = region.entry
@@ -414,7 +374,7 @@ def _name(entry: dict[str, Any], number: int) -> str:
     return f"{entry['id']}_{number:010x}"
 
 
-def _scattered(region: _Region, count: int) -> Scattered:
+def _scattered(region: Region, count: int) -> Scattered:
     """Places of so many feathers or of a density, kept between runs; fewer without room."""
     surface, entry = region.surface, region.entry
     source, density = surface.source, entry["density"]
@@ -445,7 +405,7 @@ def _tilted(direction: Array, normal: Array, tilt: Array) -> Array:
 
 
 def _blended(
-    region: _Region, others: Sequence[_Region], points: SurfacePoints, own: Indices
+    region: Region, others: Sequence[Region], points: SurfacePoints, own: Indices
 ) -> dict[str, Any]:
     """Length (m), width, curl, tilt, flow and mixtures at points, between those of overlapping
     regions.
@@ -485,7 +445,7 @@ def _mixtures(names: Sequence[str], weights: Array) -> list[tuple[tuple[str, flo
     ]
 
 
-def _above_ground(region: _Region, found: Scattered) -> Scattered:
+def _above_ground(region: Region, found: Scattered) -> Scattered:
     """Without the places that lie inside the body, which are told."""
     buried = region.surface.buried(found.points)
     if not buried.any():
@@ -502,14 +462,14 @@ def _above_ground(region: _Region, found: Scattered) -> Scattered:
 _OWN_SPACE = ". A [space] with of = 'skin' writes them in the axes of the skin itself"
 
 
-def _reach(region: _Region) -> str:
+def _reach(region: Region) -> str:
     """Least and greatest of the skin along the axes of the groom's space."""
     corners = region.space.local(region.surface.corners.reshape(-1, 3))
     ends = zip("xyz", corners.min(axis=0), corners.max(axis=0), strict=True)
     return ", ".join(f"{axis} {low:.3g} to {high:.3g}" for axis, low, high in ends)
 
 
-def _directions(region: _Region, wanted: Array, points: SurfacePoints, turn: Array) -> Array:
+def _directions(region: Region, wanted: Array, points: SurfacePoints, turn: Array) -> Array:
     """Unit directions along the skin; where the rule gives none, that of the nearest root."""
     flat = along_skin(wanted, points.normal)
     missing = ~flat.any(axis=1)
