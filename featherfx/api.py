@@ -23,8 +23,7 @@ from featherfx.groom.read.read import load_tables
 from featherfx.groom.read.read import read_groom as read_groom_file
 from featherfx.groom.read.space import SceneReaders
 from featherfx.groom.types import Groom
-from featherfx.phases import Progress, phase, tells_progress
-from featherfx.provenance import StageRead, listen_to_reads
+from featherfx.phases import Progress, StageRead, listen_to_reads, phase, tells_progress
 from featherfx.shot.loop.placement import lay_out, place_feathers
 from featherfx.shot.read.read import read_shot as read_shot_file
 from featherfx.shot.types import Quality, Shot

@@ -63,7 +63,7 @@ PACKAGES = (
         "levels",
         "Levels of detail by table, length or camera; guided and rigid feathers.",
         tables=("details", "level_of_detail", "quality.guided_below", "quality.rigid_below"),
-        stages=("detail.followers:FollowerStage",),
+        stages=("detail.guided:FollowerStage",),
         levels=("detail.guides:refine_levels",),
         spreads=("detail.guides:add_guides",),
     ),

@@ -18,7 +18,6 @@ ORDER = (
     "errors",
     "limits",
     "phases",
-    "provenance",
     "packages",
     "files",
     "jit",

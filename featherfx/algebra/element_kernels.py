@@ -1,4 +1,4 @@
-"""Linear finite elements of a mesh whose points move (surface_elements.py)."""
+"""Linear finite elements of a mesh whose points move (triangulation.py)."""
 
 from featherfx.algebra.vector_kernels import (
     accumulate,

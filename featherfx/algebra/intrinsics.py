@@ -1,5 +1,5 @@
 """Functions of kernels as LLVM does them: lanes (views.py) are a vector of the processor, views
-(views.py) lines of words, and counters of teams (thread_team.py) atomic."""
+(views.py) lines of words, and counters of teams (views.py) atomic."""
 
 from __future__ import annotations
 

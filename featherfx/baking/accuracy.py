@@ -31,10 +31,9 @@ from featherfx.feather.types import Feather, RowPoints
 from featherfx.mechanics.resolution import rachis_deflection
 from featherfx.phases import phase
 from featherfx.shot.loads import estimate_loads
-from featherfx.shot.loop.contact_error import nearest_pushing
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import Simulation, simulate
-from featherfx.shot.loop.window_runs import max_distance
+from featherfx.shot.loop.window_runs import max_distance, nearest_pushing
 from featherfx.shot.motion.motion import root_motion
 from featherfx.shot.options import FeatherOptions, resolve_options, simulation_quality
 from featherfx.shot.types import Quality, Shot, part_of

@@ -16,8 +16,7 @@ from featherfx.baking.task import BakeTask, prepare
 from featherfx.files.atomic_write import Standing, into, remove_leftovers, standing, write_all
 from featherfx.files.process import seldom_collected
 from featherfx.jit.compiled import request_expected
-from featherfx.phases import Account, account, phase
-from featherfx.provenance import StageRead, list_entries, listen_to_reads
+from featherfx.phases import Account, StageRead, account, list_entries, listen_to_reads, phase
 from featherfx.shot.frames import StageClock
 from featherfx.shot.types import Shot
 
@@ -95,7 +94,7 @@ def _bake(
         report = carry_out(task, notify)
         report["read"] = list_entries(reads)
         if path is not None and report.get("contact"):
-            from featherfx.shot.loop.contact_error import add_contact_error
+            from featherfx.shot.loop.window_runs import add_contact_error
 
             with phase("comparing", silent=True):
                 report = add_contact_error(task.whole, report)

@@ -328,7 +328,7 @@ def _usd(problems: list[str]) -> dict[str, Any] | None:
 def _cache(problems: list[str]) -> dict[str, Any]:
     """The folder of compiled code. One that cannot be used costs time, and is told as a problem."""
     from featherfx.jit.code_cache import explain_unloaded, explain_unsaved
-    from featherfx.jit.compile_progress import predict_seconds
+    from featherfx.jit.compile_workers import predict_seconds
 
     wanted = cache_folder()
     used = not explain_unloaded(wanted)

@@ -29,7 +29,7 @@ from featherfx.errors import InputWarning, all_of, require_type
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.shapes import distinct_shapes
 from featherfx.groom.types import Groom
-from featherfx.jit.compile_progress import PROGRESS, working_time
+from featherfx.jit.compile_workers import PROGRESS, working_time
 from featherfx.phases import Progress, account, tells_progress
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.patterns import LEVELS

@@ -40,7 +40,7 @@ from featherfx.baking.trial_feathers import (
 from featherfx.errors import InputError, InputWarning, Problem
 from featherfx.feather.types import Feather
 from featherfx.files.process import give_back_memory
-from featherfx.jit.compile_progress import working_time
+from featherfx.jit.compile_workers import working_time
 from featherfx.phases import Account, phase
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import simulate

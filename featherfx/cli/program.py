@@ -33,7 +33,7 @@ import click
 from featherfx._version import __version__
 from featherfx.errors import InputError, InputWarning, Problem, SimulationError, as_sentence
 from featherfx.files.process import refuse_small_address_space, spare_address_space
-from featherfx.provenance import StageRead, list_entries, listen_to_reads
+from featherfx.phases import StageRead, list_entries, listen_to_reads
 
 LOGGER = logging.getLogger("featherfx")
 LOGGER.addHandler(logging.NullHandler())  # else Python prints what nobody takes

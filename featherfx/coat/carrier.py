@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from featherfx.algebra.surface_elements import (
+from featherfx.algebra.triangulation import (
     TriangleElements,
     find_vertex_normals,
     make_elements,

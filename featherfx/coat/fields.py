@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.surface_elements import (
+from featherfx.algebra.triangulation import (
     TriangleElements,
     factorise,
     make_elements,

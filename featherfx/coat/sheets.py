@@ -36,7 +36,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.surface_elements import (
+from featherfx.algebra.triangulation import (
     find_edges,
     find_vertex_normals,
     make_elements,

@@ -15,7 +15,7 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
-from featherfx.algebra.surface_elements import weld
+from featherfx.algebra.triangulation import weld
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import dots
 from featherfx.coat.carrier import refine

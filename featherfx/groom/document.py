@@ -14,7 +14,7 @@ import numpy as np
 
 from featherfx.errors import InputError, Problem, require_type
 from featherfx.files.folders import folders_of
-from featherfx.provenance import StageRead
+from featherfx.phases import StageRead
 
 # source of tables that no file holds
 _IN_MEMORY = "<memory>"

@@ -92,11 +92,6 @@ def _requested_processor() -> str:
     return " ".join(given).strip()
 
 
-def _own_processor() -> str:
-    """Name of the processor that code is compiled for here."""
-    return _requested_processor() or _inspect_processor()[0]
-
-
 @cache
 def _inspect_processor() -> tuple[str, frozenset[str]]:
     """Identity and features (LLVM's names) of this processor; by Linux, else by LLVM."""
@@ -217,7 +212,7 @@ class KernelStore:
         if fault := explain_unsaved():
             warn_once(fault)
             return
-        file, key = self._locate(code_folder(), text, _own_processor())
+        file, key = self._locate(code_folder(), text)
         head = json.dumps([key, code[1:]]).encode()
         content = len(head).to_bytes(_LENGTH_BYTES, "little") + head + code.machine
         whole = hashlib.sha256(content).digest() + content
@@ -234,12 +229,13 @@ class KernelStore:
         if target := shipped_target():
             places.append((SHIPPED, target))
         for root, target in places:
-            file, key = self._locate(root, text, target or _own_processor())
+            file, key = self._locate(root, text, target)
             if file.is_file():
                 yield root, file, key
 
-    def _locate(self, root: Path, text: str, processor: str) -> tuple[Path, Key]:
-        """The file of an entry, there or not, and its key."""
+    def _locate(self, root: Path, text: str, target: str = "") -> tuple[Path, Key]:
+        """The file of an entry for a target, by default the processor here, and its key."""
+        processor = target or _requested_processor() or _inspect_processor()[0]
         key = text, sys.platform, platform.machine(), processor
         digest = hashlib.sha256(repr(key).encode()).hexdigest()[:16]
         return root / self._folder / f"{self._name}.{digest}.code", key

@@ -137,9 +137,10 @@ class Kernel(KernelEntry):
 
     def compile_for(self, text: str, types: tuple[Any, ...]) -> LoadedKernel:
         """Compile it for numba's types and store it, unless another thread or process has."""
-        from featherfx.jit.compiler import compile_entry, wait_for_worker
+        from featherfx.jit.compile_workers import KernelRequest, compile_pool
+        from featherfx.jit.compiler import compile_entry, compile_request
 
-        wait_for_worker(self, types)
+        compile_pool().wait_for(KernelRequest(self.name, types), compile_request)
         with _LOADING:
             if (found := self.find_loaded(text)) is None:
                 code, found = compile_entry(self, types)

@@ -12,16 +12,13 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-from collections import defaultdict
 from functools import cache
 from types import SimpleNamespace
 from typing import Any, get_type_hints
 
 from llvmlite import binding, ir
 from numba import typeof
-from numba.core import ir as numba_ir
 from numba.core import sigutils, types, typing
-from numba.core.analysis import compute_cfg_from_blocks, compute_use_defs, must_use_alloca
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_lock import global_compiler_lock
@@ -34,8 +31,7 @@ from numba.core.typed_passes import NativeLowering
 from numba.np.numpy_support import as_dtype
 
 from featherfx.files.process import seldom_collected
-from featherfx.jit.compile_progress import PROGRESS
-from featherfx.jit.compile_workers import KernelRequest, compile_pool, is_worker
+from featherfx.jit.compile_workers import PROGRESS, KernelRequest, compile_pool, is_worker
 from featherfx.jit.kernel_calls import (
     INLINED,
     KernelLink,
@@ -83,35 +79,7 @@ _STATUS = ir.IntType(32)
 _NUMBERS = itertools.count()
 
 
-class _KernelLower(Lower):
-    """Lowering with more variables as values.
-
-    numba gives a variable a place in memory when several blocks use it, and loads it whole for
-    every use; LLVM then has to take a tuple of a hundred arrays apart each time.
-    """
-
-    def _find_singly_assigned_variable(self) -> None:
-        super()._find_singly_assigned_variable()
-        self._singly_assigned_vars |= find_values(self.blocks)
-
-
-def find_values(blocks: Any) -> set[str]:
-    """Variables assigned once, in a block that comes before every other block that uses them."""
-    defined = defaultdict(list)
-    for label, block in blocks.items():
-        for each in block.find_insts(numba_ir.Assign):
-            defined[each.target.name].append(label)
-    found = {name for name, at in defined.items() if len(at) == 1} - must_use_alloca(blocks)
-    before = compute_cfg_from_blocks(blocks).dominators()
-    for label, used in compute_use_defs(blocks).usemap.items():
-        for name in found & set(used):
-            (at,) = defined[name]
-            if at >= label or at not in before.get(label, ()):
-                found.discard(name)
-    return found
-
-
-class _EntryLower(_KernelLower):
+class _EntryLower(Lower):
     """Lowering with a function that Python calls, which reads words and headers of arrays.
 
     numba's own takes Python's objects by functions of numba's libraries. Places in headers are
@@ -139,17 +107,15 @@ class _EntryLower(_KernelLower):
         self.library.add_ir_module(module)
 
 
-def _make_pass(lower: type[Lower]) -> Any:
-    """Numba's pass to intermediate code, with another lowering."""
-    members = {"_name": f"featherfx{lower.__name__}", "lowering_class": property(lambda _: lower)}
-    made = type(f"{lower.__name__}ing", (NativeLowering,), members)
-    return register_pass(mutates_CFG=True, analysis_only=False)(made)
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _EntryLowering(NativeLowering):
+    """Numba's pass to intermediate code, with the lowering of an entry."""
+
+    _name = "featherfx_entry_lowering"
+    lowering_class = property(lambda _: _EntryLower)
 
 
-_LOWER_KERNEL, _LOWER_ENTRY = _make_pass(_KernelLower), _make_pass(_EntryLower)
-
-
-def _make_pipeline(state: Any, lowering: Any) -> list[Any]:
+def _make_pipeline(state: Any, lowering: Any = NativeLowering) -> list[Any]:
     """Numba's own passes, with another one to intermediate code."""
     manager = PassManager("nopython")
     for each, text in DefaultPassBuilder.define_nopython_pipeline(state).passes:
@@ -203,7 +169,7 @@ class _EntryCompiler(CompilerBase):
         state = self.state
         state.library = _EntryLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
-        return _make_pipeline(state, _LOWER_ENTRY)
+        return _make_pipeline(state, _EntryLowering)
 
 
 class _InlinedCompiler(CompilerBase):
@@ -218,7 +184,7 @@ class _InlinedCompiler(CompilerBase):
         state.flags.no_compile = True
         state.flags.noalias = state.flags.forceinline = vars(state.func_id.func).get("apart", False)
         state.library = _InlinedLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
-        return _make_pipeline(state, _LOWER_KERNEL)
+        return _make_pipeline(state)
 
 
 class _Callee(_Dispatcher):
@@ -230,22 +196,25 @@ class _Callee(_Dispatcher):
     def get_call_template(self, args: Any, kws: Any) -> Any:
         return super().get_call_template(tuple(map(types.unliteral, args)), kws)
 
-
-class InlinedKernel(_Callee):
-    """A kernel whose intermediate code is linked to its callers."""
-
     @global_compiler_lock
     def compile(self, sig: Any) -> Any:
         args = tuple(sigutils.normalize_signature(sig)[0])
         if args not in self.overloads:
-            result: Any = self._compiler.compile(args, None)
-            library = result.library
-            closure = list(dict.fromkeys([library, *library._linking_libraries]))
-            # numba finds the code by this key; there is no entry point
-            key = object()
-            self.targetctx.insert_user_function(key, result.fndesc, closure)
-            self.overloads[args] = result._replace(entry_point=key)
+            self.overloads[args] = self._make(args)
         return self.overloads[args].entry_point
+
+
+class InlinedKernel(_Callee):
+    """A kernel whose intermediate code is linked to its callers."""
+
+    def _make(self, args: tuple[Any, ...]) -> Any:
+        result: Any = self._compiler.compile(args, None)
+        library = result.library
+        closure = list(dict.fromkeys([library, *library._linking_libraries]))
+        # numba finds the code by this key; there is no entry point
+        key = object()
+        self.targetctx.insert_user_function(key, result.fndesc, closure)
+        return result._replace(entry_point=key)
 
 
 class SharedKernel(_Callee):
@@ -253,24 +222,19 @@ class SharedKernel(_Callee):
 
     kernel: Any
 
-    @global_compiler_lock
-    def compile(self, sig: Any) -> Any:
-        args = tuple(sigutils.normalize_signature(sig)[0])
-        if args not in self.overloads:
-            taken = tuple(map(as_argument, args))
-            request = KernelRequest(self.kernel.name, taken)
-            if not self.kernel.is_there(describe_types(taken)):
-                compile_pool().submit(request)
-            returned = _declare_return(self.kernel.returns)
-            described = ExternalFunctionDescriptor(_name_symbol(request), returned, taken)
-            key = object()
-            call = _make_call(user_function(described, ()), request, args)
-            self.targetctx.insert_func_defn([(call, key, call.signature)])
-            # numba asks for these where the kernel is called
-            self.overloads[args] = SimpleNamespace(
-                signature=typing.signature(returned, *args), entry_point=key, objectmode=False
-            )
-        return self.overloads[args].entry_point
+    def _make(self, args: tuple[Any, ...]) -> Any:
+        taken = tuple(map(as_argument, args))
+        request = KernelRequest(self.kernel.name, taken)
+        if not self.kernel.is_there(describe_types(taken)):
+            compile_pool().submit(request)
+        returned = _declare_return(self.kernel.returns)
+        described = ExternalFunctionDescriptor(_name_symbol(request), returned, taken)
+        key = object()
+        call = _make_call(user_function(described, ()), request, args)
+        self.targetctx.insert_func_defn([(call, key, call.signature)])
+        # numba asks for these where the kernel is called
+        made = typing.signature(returned, *args)
+        return SimpleNamespace(signature=made, entry_point=key, objectmode=False)
 
 
 def make_callee(kernel: Any) -> InlinedKernel | SharedKernel:
@@ -348,11 +312,6 @@ def compile_entry(kernel: Any, types: tuple[Any, ...]) -> tuple[StoredKernel, Lo
     entry_at, own_at = map(library.get_pointer_to_function, names)
     stored = StoredKernel(machine, *names, returns, tuple(links))
     return stored, LoadedKernel(entry_at, own_at, returns)
-
-
-def wait_for_worker(kernel: Any, types: tuple[Any, ...]) -> None:
-    """Wait for a worker that compiles a kernel, which may be stored then."""
-    compile_pool().wait_for(KernelRequest(kernel.name, types), compile_request)
 
 
 def compile_request(request: KernelRequest) -> None:

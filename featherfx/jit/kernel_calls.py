@@ -84,22 +84,16 @@ class Encoded:
         self.form, self.value = _FORMS.setdefault(tuple(form), object()), value
 
 
-class EncodedCall(NamedTuple):
-    """Arguments of a call.
+def encode_arguments(arguments: tuple[Any, ...]) -> tuple[list[Any], list[int]]:
+    """Form and words of arguments, which must live as long as the words. Raises TypeError.
 
     form: types, hashable item by item. words: a number as its bits, an array as the address of its
     header, which holds data, shape and strides.
     """
-
-    form: list[Any]
-    words: list[int]
-
-
-def encode_arguments(arguments: tuple[Any, ...]) -> EncodedCall:
-    """Form and words of arguments, which must live as long as the words. Raises TypeError."""
-    call = EncodedCall([], [])
-    _encode(arguments, *call)
-    return call
+    form: list[Any] = []
+    words: list[int] = []
+    _encode(arguments, form, words)
+    return form, words
 
 
 def _encode(values: tuple[Any, ...], form: list[Any], words: list[int]) -> None:
@@ -146,7 +140,7 @@ def describe_argument(value: Any) -> str:
         return describe_argument(value.value)
     if isinstance(value, TupleKind):
         return f"kind {describe_argument(value.like)}"
-    form = encode_arguments((value,)).form[0]
+    form = encode_arguments((value,))[0][0]
     return {None: "none", bool: "bool", int: "int64", float: "float64"}.get(form, "float32")
 
 

@@ -56,13 +56,12 @@ from featherfx.shot.loads import SHAFT_DRAG, frame_loads
 from featherfx.shot.motion.motion import root_motion, root_path
 from featherfx.shot.patterns import Grip
 from featherfx.shot.types import Motion, Quality, Shot, Wind
-from featherfx.solver.damping import with_damping
+from featherfx.solver.damping import DampedModes, damped_modes, with_damping
 from featherfx.solver.scratch import make_scratch
 from featherfx.solver.solver import Settings, Solver, hold_roots, raise_if_failed
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
-from featherfx.solver.step.modes import DampedModes, damped_modes
 from featherfx.solver.types import WHOLE_STIFFNESS, IntegratorFactors
 
 Kinematics = Literal["nodal", "barb-curvature"]

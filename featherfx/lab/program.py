@@ -34,7 +34,7 @@ from featherfx.feather.types import Feather
 from featherfx.files.disk_cache import nothing_kept
 from featherfx.groom.presets.kinds import Change, adjusted
 from featherfx.groom.types import FeatherKind
-from featherfx.jit.compile_progress import SECONDS
+from featherfx.jit.compile_workers import SECONDS
 from featherfx.jit.compiled import ARGUMENTS, KernelEntry, kernel
 from featherfx.jit.kernel_calls import describe_arguments
 from featherfx.lab.bench.shake import root_paths, swan_primary
@@ -42,13 +42,12 @@ from featherfx.lab.feather import feather_kind
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import expand_wind, no_loads
 from featherfx.shot.loop.simulate import Simulation, simulate
-from featherfx.solver.damping import with_damping
+from featherfx.solver.damping import frequencies, with_damping
 from featherfx.solver.solver import Settings, Solver, hold_roots
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
 from featherfx.solver.step.integrator_kernels import integrator_of
-from featherfx.solver.step.modes import frequencies
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import add_increment, barb_jacobians
 from featherfx.solver.types import FORCES_ONLY, WHOLE_STIFFNESS, IntegratorFactors

@@ -76,7 +76,7 @@ from featherfx.algebra.vector_kernels import (
     sub,
 )
 from featherfx.jit.compiled import kernel, shared_kernel
-from featherfx.mechanics.row_kernels import node_index
+from featherfx.mechanics.barb_kernels import node_index
 
 # d; m/s below which air stands
 STALL_ROUNDNESS, NO_SPEED = 0.25, 1e-9

@@ -44,7 +44,7 @@ from featherfx.mechanics.vane_rest import (
     twists_at_rest,
 )
 
-# G of the compression guard over b A k (vane_guard_kernels)
+# G of the compression guard over b A k (guard_kernels)
 _GUARD_SCALE = 1.0 / 2592.0
 # part of a vane that its barbs fill (barb surface fraction, Jouve 2024, table 5.2)
 FIBRE_FRACTION = 0.14

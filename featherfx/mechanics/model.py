@@ -70,7 +70,7 @@ class Model(NamedTuple):
     hinge_rest: (F, 2, n, m, 3) rest dihedral angle at the barb edge from column j to j + 1, rad,
     and opening (1/m^4) of the triangles above and below it (vane_bending_kernels).
     hinge_stiffness: (F, 2, n, m) N m; 0 where there is no hinge.
-    twist_rest: (F, 2, n-1, m, 2) 1 / A^(3/2) (1/m^3) and rest twist (vane_twist_kernels).
+    twist_rest: (F, 2, n-1, m, 2) 1 / A^(3/2) (1/m^3) and rest twist (vane_bending_kernels).
     twist_stiffness: (F, 2, n-1, m) N m, 4 D_66; 0 where a cell lacks a triangle.
     mass: (F, n, 1 + 2 m) kg, of the nodes.
     rotary_inertia: (F, n, 2) kg m^2 of the rachis, carried by the directors.
@@ -80,7 +80,7 @@ class Model(NamedTuple):
     attached: (F, 2) most and slope, 1/rad, of the coefficient of attached flow (node_kernels).
     retardation: (F, 2) s, of the dashpots of rachis and vane. relaxation_time: (F, 2, B) s and
     relaxation_weight: (F, 2, B), of their Maxwell branches (solver/damping); B is 0 without loss.
-    cell_guard: (F, 2, n-1, m, 2, 2), G (N m) and n of the compression guard (vane_guard_kernels),
+    cell_guard: (F, 2, n-1, m, 2, 2), G (N m) and n of the compression guard (guard_kernels),
     or (F, 0, 0, 0, 0, 0) where there is none. hooks: of the vane.
     """
 

@@ -15,9 +15,9 @@ Source: Grinspun et al. 2003; the factor is derived for edges of one direction o
 
 x_1, x_2 and x_3 are of one column: twist of the vane does not turn its hinges. Were x_2 and x_3 of
 two columns s apart, as the membrane's triangles have them, twist k_vw would turn them by s k_vw, as
-if the vane had a twist modulus of D (s / h)^2 / 4, which depends on the grid; its twist is that of
-vane_twist_kernels alone. A hinge measures the curvature at its outer node and stands for the strip
-around it, the innermost one also for what is next to the rachis.
+if the vane had a twist modulus of D (s / h)^2 / 4, which depends on the grid; its twist is that
+below alone. A hinge measures the curvature at its outer node and stands for the strip around it,
+the innermost one also for what is next to the rachis.
 
 Nothing keeps the two wings of a hinge from passing through each other, as triangles of one vane do
 not touch. Were g the angle for good, a crumpled vane would wind up its hinges, turn by turn, and
@@ -157,3 +157,21 @@ def openness_gradient(start, end, above, below, open_above, open_below, gradient
     gradient[:] = 0.0
     _add_area_slope(start, end, above, first_slope * second, 2, gradient)
     _add_area_slope(start, end, below, second_slope * first, 3, gradient)
+
+
+@kernel
+def cell_twist(start, end, above, beyond):
+    """6 V of x_0, x_1, x_2, x_3 (each (3,)), m^3."""
+    return dot(sub(beyond, start), cross(sub(end, start), sub(above, start)))
+
+
+@kernel
+def twist_slopes(a, b, c):
+    """Derivatives of 6 V by x_0 to x_3; a, b, c: of x_1, x_2 and x_3 from x_0."""
+    by_end, by_above, by_beyond = cross(b, c), cross(c, a), cross(a, b)
+    total = (
+        by_end[0] + by_above[0] + by_beyond[0],
+        by_end[1] + by_above[1] + by_beyond[1],
+        by_end[2] + by_above[2] + by_beyond[2],
+    )
+    return scale(-1.0, total), by_end, by_above, by_beyond

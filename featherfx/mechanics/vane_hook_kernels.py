@@ -23,7 +23,7 @@ slid,
 
     W = 1/2 k_w (n - J)^2     for J < n, else 0;      n = min(1, largest J since it opened)
 
-J the ratio of areas of featherfx/mechanics/vane_guard_kernels.py: barbs keep their length, so J is
+J the ratio of areas of featherfx/mechanics/guard_kernels.py: barbs keep their length, so J is
 that of their distance. Barbs that are closer than at rest when they part are not thrown apart.
 Bending across the barbs (vane_bending_kernels) is weakened as the gaps on either side of it.
 """
@@ -37,8 +37,8 @@ from numpy.typing import NDArray
 from featherfx.algebra.vector_kernels import copy_values
 from featherfx.algebra.views import shaped
 from featherfx.jit.compiled import kernel, loop_kernel
+from featherfx.mechanics.guard_kernels import area_ratio, ratio_slopes
 from featherfx.mechanics.model import Gaps
-from featherfx.mechanics.vane_guard_kernels import area_ratio, ratio_slopes
 
 Array = NDArray[np.float64]
 

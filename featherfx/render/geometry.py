@@ -16,7 +16,7 @@ from featherfx.algebra.vectors import vertex_normals
 from featherfx.errors import Problem, require
 from featherfx.feather.types import LEADING, RACHIS_PART, TRAILING
 from featherfx.groom.keys.problems import nearest
-from featherfx.provenance import StageRead, note_read
+from featherfx.phases import StageRead, note_read
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.cached_feather import CachedFeather
 

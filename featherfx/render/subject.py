@@ -17,7 +17,7 @@ from scipy.spatial import ConvexHull, QhullError
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import vertex_normals
 from featherfx.groom.materials import VANE_COLOUR, linear
-from featherfx.provenance import StageRead, note_read
+from featherfx.phases import StageRead, note_read
 from featherfx.render.camera import Eye
 from featherfx.render.geometry import (
     DrawnPose,

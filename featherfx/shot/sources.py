@@ -16,7 +16,7 @@ import numpy as np
 from featherfx.algebra.interpolation import Knots
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import cross_columns
-from featherfx.provenance import LeftOut
+from featherfx.phases import LeftOut
 from featherfx.shot.frames import StageClock
 from featherfx.shot.roots import NO_RUN_UP, STILL, RunUp
 

@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from featherfx.algebra.vector_kernels import copy_values
 from featherfx.jit.compiled import kernel
 from featherfx.mechanics.air_kernels import blow
-from featherfx.mechanics.row_kernels import copy_points, points_of
+from featherfx.mechanics.barb_kernels import copy_points, points_of
 from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of, never_slip
 from featherfx.solver.step.gap_kernels import slip_gaps, weaken_gaps
 from featherfx.solver.step.newton_kernels import (

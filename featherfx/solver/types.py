@@ -40,7 +40,7 @@ class Strains(NamedTuple):
 
     rachis: (n-1, 6) of the elements. barb: (2, n, 2 C) rad, coefficients. cell: (2, n-1, m, 2, 2),
     e_ww and 2 e_vw of triangles A and B. hinge: (2, n, m) rad, dihedral angles. twist:
-    (2, n-1, m), of the cells (vane_twist_kernels). openness: (2, n, m), of the hinges
+    (2, n-1, m), of the cells (vane_bending_kernels). openness: (2, n, m), of the hinges
     (vane_bending_kernels).
     """
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from feather_kinds import feather_kind
 
-from featherfx.algebra.surface_elements import make_elements, make_stiffness, weld
+from featherfx.algebra.triangulation import make_elements, make_stiffness, weld
 from featherfx.coat.carrier import pose_carrier
 from featherfx.coat.coat import (
     Overlaps,

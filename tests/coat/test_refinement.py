@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from featherfx.algebra.surface_elements import weld
+from featherfx.algebra.triangulation import weld
 from featherfx.coat.carrier import find_neighbours, refine
 
 ICOSAHEDRON = np.array([(0, a, b * (1 + 5**0.5) / 2) for a in (-1, 1) for b in (-1, 1)])

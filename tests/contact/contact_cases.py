@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from trial_batches import preset_batch
 
 from featherfx.algebra.types import Array
+from featherfx.mechanics.barb_kernels import node_index
 from featherfx.mechanics.model import Model, no_loads
-from featherfx.mechanics.row_kernels import node_index
 from featherfx.solver.contact.interval import ContactSolver
 from featherfx.solver.contact.types import (
     Candidates,

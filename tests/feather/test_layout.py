@@ -10,7 +10,7 @@ from crossed import crossed
 from scipy.optimize import minimize
 
 import featherfx
-from featherfx.algebra.surface_elements import weld
+from featherfx.algebra.triangulation import weld
 from featherfx.algebra.vectors import frames_from
 from featherfx.api import scene_readers
 from featherfx.errors import InputError, InputWarning

@@ -15,9 +15,9 @@ from featherfx.groom.read.read import read_groom
 from featherfx.groom.types import VaneShape
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
+from featherfx.solver.damping import frequencies
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.state import rest_state
-from featherfx.solver.step.modes import frequencies
 
 GRAVITY = 9.81
 RULES = ("similar", "behaviour")

@@ -57,7 +57,7 @@ def test_a_folder_that_is_left_of_an_earlier_version_does_not_count(tmp_path, mo
     assert code_cache._find_imports(source) == {source, tmp_path / "loads.py"}
 
 
-@pytest.mark.parametrize("changed", ["algebra/thread_team.py", "algebra/views.py"])
+@pytest.mark.parametrize("changed", ["algebra/views.py"])
 def test_how_threads_meet_and_what_views_are_counts_where_kernels_call_it(
     folder_after_change, changed
 ):
@@ -70,7 +70,7 @@ def test_how_threads_meet_and_what_views_are_counts_where_kernels_call_it(
     [
         ("groom/regions/scatter_kernels.py", "mechanics/vane_membrane_kernels.py"),
         ("solver/step/frame_kernels.py", "errors.py"),
-        ("solver/step/frame_kernels.py", "algebra/thread_team.py"),
+        ("solver/step/frame_kernels.py", "solver/contact/sweep_kernels.py"),
     ],
 )
 def test_other_files_do_not_count(folder_after_change, source, changed):

@@ -11,11 +11,9 @@ import numpy as np
 import pytest
 from kernel_runs import ROOT
 from numba.core import types
-from numba.core.compiler import run_frontend
 
-from featherfx.jit.compile_progress import SECONDS
+from featherfx.jit.compile_workers import SECONDS
 from featherfx.jit.compiled import kernel, shared_kernel
-from featherfx.jit.compiler import find_values
 from featherfx.jit.kernel_calls import find_kernel
 
 _LINE = re.compile(r"^\| `(numba[\w.]+)` \| (.+?) \| .+ \|$", re.MULTILINE)
@@ -125,9 +123,3 @@ def test_a_kernel_does_what_its_python_does(seed):
     for count in (0, 1, 20):
         line = Line(heights, weights)
         assert compiled(line, count) == pytest.approx(wander(line, count), rel=1e-12)
-
-
-def test_what_is_assigned_once_and_before_its_uses_is_a_value():
-    values = find_values(run_frontend(wander).blocks)
-    assert {"line", "count", "height"} <= values  # used in other blocks than assigned
-    assert not {"total", "last"} & values  # assigned again

@@ -8,8 +8,16 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from featherfx.algebra.thread_team import forget_tickets, meet, new_team, say_done, ticket, wait_for
-from featherfx.algebra.views import viewed, views_of
+from featherfx.algebra.views import (
+    forget_tickets,
+    meet,
+    new_team,
+    say_done,
+    ticket,
+    viewed,
+    views_of,
+    wait_for,
+)
 from featherfx.jit.compiled import kernel
 
 

@@ -15,8 +15,8 @@ from featherfx.lab.ribbons.rod import (
     total_energy,
 )
 from featherfx.mechanics.model import no_loads
+from featherfx.solver.damping import first_frequency
 from featherfx.solver.solver import Settings, Solver, hold_roots, raise_if_failed
-from featherfx.solver.step.modes import first_frequency
 
 pytestmark = pytest.mark.verification
 

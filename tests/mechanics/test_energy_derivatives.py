@@ -14,20 +14,24 @@ from derivatives import derivative_fault, unnoticed_signs
 from trial_batches import barb_slopes, random_quat, rod, rotation_of, turned
 
 from featherfx.feather.types import RowPoints
-from featherfx.mechanics.barb_kernels import barb_points
-from featherfx.mechanics.model import no_loads
-from featherfx.mechanics.node_kernels import node_energy, node_forces
-from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_strain
-from featherfx.mechanics.row_kernels import (
+from featherfx.mechanics.barb_kernels import (
+    barb_points,
     couple_energy,
     director_energy,
     subtract_couple_moments,
     subtract_director_moments,
 )
-from featherfx.mechanics.vane_bending_kernels import hinge_angle, hinge_gradient
+from featherfx.mechanics.model import no_loads
+from featherfx.mechanics.node_kernels import node_energy, node_forces
+from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_strain
+from featherfx.mechanics.vane_bending_kernels import (
+    cell_twist,
+    hinge_angle,
+    hinge_gradient,
+    twist_slopes,
+)
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_strain
 from featherfx.mechanics.vane_rest import curvature_shapes
-from featherfx.mechanics.vane_twist_kernels import cell_twist, twist_slopes
 from featherfx.solver.scratch import make_scratch
 from featherfx.solver.types import IntegratorFactors
 

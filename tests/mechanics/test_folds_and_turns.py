@@ -10,7 +10,7 @@ from drawn_cases import draw_case
 from judged_cases import run_case
 from trial_batches import rod
 
-from featherfx.mechanics.turn_guard_kernels import (
+from featherfx.mechanics.guard_kernels import (
     add_turn_guard_stiffness,
     add_turn_guard_stress,
     turn_guard_total,

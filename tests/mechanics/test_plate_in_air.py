@@ -14,10 +14,10 @@ from featherfx.lab.feather import stream_coefficients
 from featherfx.mechanics.air_kernels import carried_energy, pressed_share
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
+from featherfx.solver.damping import damped_modes, frequencies
 from featherfx.solver.scratch import make_scratch
 from featherfx.solver.solver import Settings, Solver, hold_roots
 from featherfx.solver.state import rest_state
-from featherfx.solver.step.modes import damped_modes, frequencies
 
 pytestmark = pytest.mark.verification
 

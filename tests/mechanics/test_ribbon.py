@@ -13,7 +13,7 @@ from featherfx.lab.ribbons.energy import Ribbon
 from featherfx.lab.ribbons.experiments import feather_of, hang, hang_feather
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.ribbon_kernels import curl_energy, curling
-from featherfx.solver.step.modes import frequencies
+from featherfx.solver.damping import frequencies
 
 WIDTH, THICKNESS, LENGTH = 0.015, 8.5e-5, 0.0125
 

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from featherfx.groom.materials import VaneMaterial
 from featherfx.lab.strip import strip_feather, strip_kind
 from featherfx.mechanics.batch import make_model
-from featherfx.solver.step.modes import frequencies
+from featherfx.solver.damping import frequencies
 
 LENGTH, WIDTH, BENDING, DENSITY = 0.1, 0.05, 1e-5, 0.1
 # barbs that nearly do not bend, held by a shaft that does not bend and does not resist torsion

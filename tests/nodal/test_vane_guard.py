@@ -15,13 +15,8 @@ from trial_batches import assembled, at_origin, preset_kind, random_pose
 from featherfx.feather.build import build_feather
 from featherfx.lab.nodal.solver import NodalSolver
 from featherfx.mechanics.batch import make_model
+from featherfx.mechanics.guard_kernels import GUARD_ROUNDING, area_ratio, guard_energy, guard_slopes
 from featherfx.mechanics.model import no_loads
-from featherfx.mechanics.vane_guard_kernels import (
-    GUARD_ROUNDING,
-    area_ratio,
-    guard_energy,
-    guard_slopes,
-)
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_strain
 from featherfx.solver.scratch import make_scratch
 from featherfx.solver.solver import Settings, Solver

@@ -16,7 +16,7 @@ from featherfx.baking.trial import _FEW, _MORE, Trial, TrialCourse, _larger, _me
 from featherfx.baking.trial_feathers import _whole_groups, pick_feathers
 from featherfx.errors import InputError
 from featherfx.files.disk_cache import nothing_kept
-from featherfx.jit.compile_progress import PROGRESS, working_time
+from featherfx.jit.compile_workers import PROGRESS, working_time
 
 SAMPLES = Path(__file__).parents[2] / "samples"
 

@@ -14,7 +14,7 @@ from featherfx.files.disk_cache import nothing_kept
 from featherfx.groom.keys.preset import Quality
 from featherfx.groom.presets.presets import list_presets
 from featherfx.lab.bench.promise import errors, fixed_quality, random_shot, run
-from featherfx.shot.loop import calibration, contact_error, grids
+from featherfx.shot.loop import calibration, grids, window_runs
 from featherfx.shot.loop.grids import stratify
 from featherfx.shot.loop.run import drawn_feathers
 from featherfx.shot.loop.simulate import simulate
@@ -252,11 +252,11 @@ def test_errors_of_feathers_that_push_each_other_are_measured(tmp_path, monkeypa
     assert 0.0 < found["error_measured"] < 10.0
     assert "error_not_promised" not in found
     # where shorter steps lead ever farther
-    monkeypatch.setattr(contact_error, "simulate_window", lambda shot, window: [None, None])
-    monkeypatch.setattr(contact_error, "run_distance", lambda one, other: 0.1)
+    monkeypatch.setattr(window_runs, "simulate_window", lambda shot, window: [None, None])
+    monkeypatch.setattr(window_runs, "run_distance", lambda one, other: 0.1)
     with nothing_kept():
         before = {"undefined": {"covert": ["covert_01"], "down": ["d"]}}
-        told = contact_error.add_contact_error(read_shot(tmp_path / "s.toml"), before)
+        told = window_runs.add_contact_error(read_shot(tmp_path / "s.toml"), before)
     assert told["undefined"] == {"covert": ["covert_01", "covert_02"], "down": ["d"]}
     assert told["error_measured"] is None
 
@@ -265,7 +265,7 @@ def test_errors_in_contact_that_cannot_be_measured_are_told(gust):
     shot = replace(part_of(gust, np.array([0])), contact=random_shot(2, ["covert"]).contact)
     off = {"contact": {"feathers_whose_contacts_yielded": 1}}
     for report, why in ((off, "left out"), ({"undefined": {}}, "no two feathers")):
-        told = contact_error.add_contact_error(shot, {"error_not_promised": "before", **report})
+        told = window_runs.add_contact_error(shot, {"error_not_promised": "before", **report})
         assert why in told["error_not_promised"]
 
 
@@ -280,12 +280,10 @@ def test_neighbours_of_two_kinds_are_measured_once(tmp_path, monkeypatch):
     lines.insert(3, f'quality = {{ base = "draft", {grid} }}')
     (tmp_path / "s.toml").write_text("\n".join(lines))
     runs = []
-    monkeypatch.setattr(
-        contact_error, "simulate_window", lambda *given: runs.append(given) or [1, 1]
-    )
-    monkeypatch.setattr(contact_error, "run_distance", lambda one, other: 0.0)
+    monkeypatch.setattr(window_runs, "simulate_window", lambda *given: runs.append(given) or [1, 1])
+    monkeypatch.setattr(window_runs, "run_distance", lambda one, other: 0.0)
     with nothing_kept():
-        found = contact_error.add_contact_error(read_shot(tmp_path / "s.toml"), {"undefined": {}})
+        found = window_runs.add_contact_error(read_shot(tmp_path / "s.toml"), {"undefined": {}})
     assert found["error_measured"] == 0.0
     assert len(runs) == 3  # as it is, finer in time, finer in space
 

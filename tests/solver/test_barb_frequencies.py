@@ -15,7 +15,7 @@ from featherfx.groom.materials import VaneMaterial
 from featherfx.lab.strip import strip_feather, strip_kind
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.resolution import MIN_BARB_STIFFNESS
-from featherfx.solver.step.modes import rest_bands
+from featherfx.solver.damping import rest_bands
 
 pytestmark = pytest.mark.verification
 

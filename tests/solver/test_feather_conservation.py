@@ -14,10 +14,9 @@ from featherfx.feather.types import both
 from featherfx.lab.ribbons.rod import total_energy
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Model, no_loads
-from featherfx.solver.damping import with_damping
+from featherfx.solver.damping import first_frequency, with_damping
 from featherfx.solver.solver import Settings, Solver, hold_roots
 from featherfx.solver.state import State, rest_state
-from featherfx.solver.step.modes import first_frequency
 
 pytestmark = pytest.mark.verification
 

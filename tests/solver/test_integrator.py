@@ -7,6 +7,7 @@ import pytest
 from trial_batches import rod
 
 from featherfx.mechanics.model import no_loads
+from featherfx.solver.damping import frequencies
 from featherfx.solver.solver import Settings, Solver, hold_roots
 from featherfx.solver.state import rest_state
 from featherfx.solver.step.integrator_kernels import (
@@ -17,7 +18,6 @@ from featherfx.solver.step.integrator_kernels import (
     integrator_of,
     step_error,
 )
-from featherfx.solver.step.modes import frequencies
 
 RADII = [0.0, 0.5, 0.8, 1.0]
 

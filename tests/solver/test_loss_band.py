@@ -23,12 +23,11 @@ from featherfx.lab.ribbons.rod import (
 )
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import no_loads
-from featherfx.solver.damping import fit_branches, with_damping
+from featherfx.solver.damping import fit_branches, natural_modes, with_damping
 from featherfx.solver.scratch import make_scratch
 from featherfx.solver.solver import Settings, Solver
 from featherfx.solver.state import hold_roots
 from featherfx.solver.step.energy_kernels import viscous_energy
-from featherfx.solver.step.modes import natural_modes
 from featherfx.solver.step.pose_kernels import add_increment, keep_pose, load_pose, place_points
 from featherfx.solver.step.strain_kernels import damping_over, relax, set_reference
 from featherfx.solver.types import Strains

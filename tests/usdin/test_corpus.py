@@ -7,7 +7,7 @@ import pytest
 from pxr import Sdf, Usd, UsdGeom
 from usdin_scenes import add_matrix, add_mesh, lifted, new_stage, rigid, sheet, vec
 
-from featherfx.baking import corpus
+from featherfx.baking import check
 from featherfx.usd.check.skins import measure_roots
 
 
@@ -23,21 +23,21 @@ def test_each_file_has_its_outcome(tmp_path):
     stage.GetRootLayer().Save()
     (tmp_path / "broken.usda").write_text("#usda 1.0\ndef Mesh")
     (tmp_path / "none.usda").write_text("#usda 1.0\n")
-    files = corpus.list_files([tmp_path])
-    broken, moved, none = map(corpus.try_file, files)
+    files = check.list_files([tmp_path])
+    broken, moved, none = map(check.try_file, files)
     assert broken.inspect.startswith("refused: ")
     assert (moved.inspect, moved.groom, moved.bake, moved.check) == ("ok",) * 4
     assert (moved.meshes, moved.moving) == ((1, 1), 1)
     assert moved.root_error < 1e-7
     assert (none.inspect, none.groom, none.meshes) == ("ok", "-", (0, 0))
     assert not any(each.crashes for each in (broken, moved, none))
-    *rows, total = corpus.outcome_rows([broken, moved, none])
+    *rows, total = check.outcome_rows([broken, moved, none])
     assert len(rows) == 3
     assert total[0] == "3 files"
 
 
 def test_what_is_no_refusal_is_a_crash():
-    outcome = corpus.FileOutcome("a.usda")
+    outcome = check.FileOutcome("a.usda")
     assert outcome.run("bake", lambda: [][0]) is None
     assert outcome.bake == "crash"
     assert outcome.crashes == ["bake: IndexError: list index out of range"]

@@ -11,7 +11,7 @@ from usdin_scenes import new_stage
 from featherfx import export_groom
 from featherfx.api import read_groom
 from featherfx.errors import InputError
-from featherfx.provenance import listen_to_reads
+from featherfx.phases import listen_to_reads
 
 TURN = Rotation.from_euler("xyz", [0.3, 0.5, 1.0]).as_matrix()
 WAY = np.array([1.234, -0.567, 0.891])

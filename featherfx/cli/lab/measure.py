@@ -17,7 +17,7 @@ from typing import Any
 import click
 
 from featherfx._version import __version__
-from featherfx.baking import corpus
+from featherfx.baking import check
 from featherfx.baking.pipeline import bake, read_shot
 from featherfx.cli.lab.options_from import show
 from featherfx.cli.options import (
@@ -96,12 +96,12 @@ def measure_corpus(paths: tuple[Path, ...], as_json: bool) -> None:
 
     PATHS: files, and folders with all below them.
     """
-    outcomes = corpus.try_files(corpus.list_files(paths))
+    outcomes = check.try_files(check.list_files(paths))
     if as_json:
         show(list(outcomes), True)
         return
     titles = "file, meshes, moving, inspect, groom, bake, check, root error (mm), crashes"
-    _table(titles, corpus.outcome_rows(outcomes))
+    _table(titles, check.outcome_rows(outcomes))
 
 
 @measure.command("scaling", cls=Command)

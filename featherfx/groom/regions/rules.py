@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from featherfx.algebra.interpolation import faded
-from featherfx.algebra.surface_elements import factorise, make_elements, make_stiffness, weld
+from featherfx.algebra.triangulation import factorise, make_elements, make_stiffness, weld
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import unit
 from featherfx.errors import all_of, warn_input

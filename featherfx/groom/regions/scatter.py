@@ -37,7 +37,7 @@ from featherfx.groom.read.space import DrawnFeather, SceneReader
 from featherfx.groom.regions.rules import Presence
 from featherfx.groom.skin.field import search_tree
 from featherfx.groom.skin.points import SkinSurface, SurfacePoints
-from featherfx.provenance import LeftOut, StageRead, note_read
+from featherfx.phases import LeftOut, StageRead, note_read
 
 Words = NDArray[np.uint64]
 

@@ -37,9 +37,14 @@ from featherfx.feather.types import Feather, RowPoints
 from featherfx.groom.keys.preset import Quality
 from featherfx.groom.presets.presets import list_presets, load_preset
 from featherfx.groom.types import FeatherKind
-from featherfx.shot.loop.contact_error import add_contact_error
 from featherfx.shot.loop.simulate import simulate
-from featherfx.shot.loop.window_runs import carry_all, existing_nodes, max_distance, mean_distance
+from featherfx.shot.loop.window_runs import (
+    add_contact_error,
+    carry_all,
+    existing_nodes,
+    max_distance,
+    mean_distance,
+)
 from featherfx.shot.options import MAX_COEFFICIENTS, FeatherOptions
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.types import Shot, part_of

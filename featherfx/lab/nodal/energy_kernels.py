@@ -33,11 +33,11 @@ from featherfx.lab.nodal.barb_kernels import (
     clamp_strain,
     stretch_strain,
 )
+from featherfx.mechanics.barb_kernels import couple_energy, director_energy, node_index
+from featherfx.mechanics.guard_kernels import guard_total
 from featherfx.mechanics.node_kernels import dead_energy, grip_energy, node_energy
 from featherfx.mechanics.rachis_kernels import rachis_strain
-from featherfx.mechanics.row_kernels import couple_energy, director_energy, node_index
 from featherfx.mechanics.vane_bending_kernels import hinge_angle, hinge_gradient, wrapped
-from featherfx.mechanics.vane_guard_kernels import guard_total
 from featherfx.solver.step.strain_kernels import cell_strains
 
 

@@ -52,10 +52,10 @@ from featherfx.lab.nodal.stencil_kernels import (
     add_turns,
     agreed,
 )
+from featherfx.mechanics.barb_kernels import copy_points, node_index
+from featherfx.mechanics.guard_kernels import guard_slopes
 from featherfx.mechanics.node_kernels import add_dead_forces, add_grip_forces, node_forces
 from featherfx.mechanics.rachis_kernels import rachis_gradient
-from featherfx.mechanics.row_kernels import copy_points, node_index
-from featherfx.mechanics.vane_guard_kernels import guard_slopes
 from featherfx.mechanics.vane_membrane_kernels import membrane_gradient, membrane_normal_stiffness
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
 from featherfx.solver.step.newton_kernels import (

@@ -19,16 +19,16 @@ from featherfx.lab.nodal.barb_kernels import (
     stretch_gradient,
 )
 from featherfx.lab.nodal.energy_kernels import bend_nodes, sections
-from featherfx.mechanics.rachis_kernels import (
-    rachis_geometric_stiffness,
-    rachis_gradient,
-    rachis_stabilising_stiffness,
-)
-from featherfx.mechanics.row_kernels import (
+from featherfx.mechanics.barb_kernels import (
     add_director_stiffness,
     node_index,
     subtract_couple_moments,
     subtract_director_moments,
+)
+from featherfx.mechanics.rachis_kernels import (
+    rachis_geometric_stiffness,
+    rachis_gradient,
+    rachis_stabilising_stiffness,
 )
 
 

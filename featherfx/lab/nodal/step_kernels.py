@@ -20,7 +20,7 @@ from featherfx.algebra.vector_kernels import (
 from featherfx.jit.compiled import kernel
 from featherfx.lab.nodal.newton_kernels import Minimiser, gather, nodal_minimise, set_directors
 from featherfx.mechanics.air_kernels import blow_step
-from featherfx.mechanics.row_kernels import copy_points, points_of
+from featherfx.mechanics.barb_kernels import copy_points, points_of
 from featherfx.solver.state import RootPath
 from featherfx.solver.step.energy_kernels import EnergyBound
 from featherfx.solver.step.integrator_kernels import (

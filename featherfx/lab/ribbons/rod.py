@@ -26,13 +26,12 @@ from featherfx.algebra.types import Array
 from featherfx.errors import Problem, require, warn_input
 from featherfx.lab.declare import FINITE, POSITIVE, Range, out_of_range, part, value
 from featherfx.mechanics.model import Loads, Model, no_hooks, no_loads
-from featherfx.solver.damping import fit_branches
+from featherfx.solver.damping import DampedModes, damped_modes, fit_branches
 from featherfx.solver.scratch import SolverScratch, make_scratch
 from featherfx.solver.solver import Settings, Solver, hold_roots, raise_if_failed
 from featherfx.solver.state import State, rest_state
 from featherfx.solver.step.assembly_kernels import assemble
 from featherfx.solver.step.energy_kernels import elastic_energy
-from featherfx.solver.step.modes import DampedModes, damped_modes
 from featherfx.solver.step.newton_kernels import evaluate
 from featherfx.solver.step.pose_kernels import load_pose
 from featherfx.solver.types import FORCES_ONLY, IntegratorFactors

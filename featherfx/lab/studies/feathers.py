@@ -20,8 +20,7 @@ from featherfx.lab.feather import feather_kind
 from featherfx.lab.studies.study import Comparisons, StudyResult, ourselves, published
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.resolution import rachis_mass, rachis_stiffness
-from featherfx.solver.damping import fit_branches, softening
-from featherfx.solver.step.modes import frequencies
+from featherfx.solver.damping import fit_branches, frequencies, softening
 
 _ROWS, _COLUMNS, _COEFFICIENTS = 41, 6, 2
 _WEIGHED = "Harvey et al. 2022 (Nature 603), data of AvInertia"

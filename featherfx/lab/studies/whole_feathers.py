@@ -52,8 +52,7 @@ from featherfx.lab.studies.study import (
 from featherfx.mechanics.air_kernels import area_vectors
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Model
-from featherfx.solver.damping import with_damping
-from featherfx.solver.step.modes import damped_modes, frequencies
+from featherfx.solver.damping import damped_modes, frequencies, with_damping
 
 _FLIGHT = ("swan_primary", "primary", "secondary", "tail_feather")
 _SHAKEN = (*_FLIGHT, "swan_secondary", "owl_primary", "tertial", "rectrix", "greater_covert")

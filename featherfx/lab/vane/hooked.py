@@ -7,7 +7,7 @@ or at 45 degrees. Tears are pulled at a steady speed, in which what opening gaps
 barbs in motion; cycles go from rest to rest.
 
 Where a pull crushes a corner of the sample the membrane of the vane has no resistance left, so the
-samples have a compression guard (vane_guard_kernels).
+samples have a compression guard (guard_kernels).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
     W = sum over points of g (E_vv e_vv^2 + E_ww e_ww^2 + E_vw (2 e_vw)^2) / 2  +  g k / 2592 l^3
 
-g volume that a point stands for. The last term is the compression guard of vane_guard_kernels.py,
+g volume that a point stands for. The last term is the compression guard of guard_kernels.py,
 k its modulus, l = 1 - J the area that is lost, 0 at least. In the plane J = a x c has its sign and
 is bilinear in the nodes, so that its derivatives need no rounding. The strains are those of
 vane_membrane_kernels.py and barb_kernels.py, taken of the images a = F v and c = F w of the

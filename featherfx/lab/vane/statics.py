@@ -39,7 +39,7 @@ from featherfx.lab.vane.sample_kernels import (
 )
 
 _UNIT = np.array([1.0, 0.0, 1.0])
-# of the guard's modulus, what a volume stores at J = 0 (vane_guard_kernels)
+# of the guard's modulus, what a volume stores at J = 0 (guard_kernels)
 _GUARD = 1.0 / 2592.0
 
 

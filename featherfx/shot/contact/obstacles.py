@@ -18,8 +18,7 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import Feather, RowMap, RowPoints, stacked
 from featherfx.mechanics.model import Loads, no_loads
-from featherfx.shot.detail.followers import turned_by
-from featherfx.shot.detail.guided import Followers, Shapes
+from featherfx.shot.detail.guided import Followers, Shapes, turned_by
 from featherfx.shot.detail.guides import guide_weights
 from featherfx.shot.loop.groups import FeatherGroup, maps_between, model_of
 from featherfx.shot.options import FeatherOptions, ShotOptions

@@ -33,7 +33,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from featherfx.algebra.surface_elements import weld
+from featherfx.algebra.triangulation import weld
 from featherfx.algebra.types import Array, Indices
 from featherfx.algebra.vectors import distinct
 from featherfx.errors import InputError, Problem

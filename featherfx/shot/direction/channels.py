@@ -51,8 +51,7 @@ from featherfx.errors import warn_input
 from featherfx.feather.types import RowPoints, both, stacked
 from featherfx.groom.skin.field import search_tree
 from featherfx.mechanics.model import Loads, Model
-from featherfx.shot.detail.followers import in_world, rates_of, seen_from_roots
-from featherfx.shot.detail.guided import INSTANT, Shapes, Turns
+from featherfx.shot.detail.guided import INSTANT, Shapes, Turns, in_world, rates_of, seen_from_roots
 from featherfx.shot.frames import FeatherPose, StageClock
 from featherfx.shot.loop.groups import FeatherGroup, GroupLoad
 from featherfx.shot.loop.run import ShotLoad, ShotRun, Stage

@@ -48,7 +48,7 @@ from featherfx.shot.loop.run import ShotLoad, ShotRun, Stage
 from featherfx.shot.patterns import Target, fits
 from featherfx.shot.roots import Roots, arrived
 from featherfx.shot.types import Shot
-from featherfx.solver.step.modes import first_frequency
+from featherfx.solver.damping import first_frequency
 
 # over a shaft's length: how long a curve may be, and how far from the root it may begin
 LENGTHS, AWAY = (0.5, 2.0), 0.25

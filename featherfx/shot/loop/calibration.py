@@ -40,7 +40,7 @@ import numpy as np
 from featherfx.algebra.types import Array, Indices
 from featherfx.errors import InputError, SimulationError
 from featherfx.files.disk_cache import nothing_kept
-from featherfx.jit.compile_progress import working_time
+from featherfx.jit.compile_workers import working_time
 from featherfx.phases import phase
 from featherfx.shot.loads import Deflection, LoadEstimate
 from featherfx.shot.loop.grids import Stratum

@@ -13,7 +13,7 @@ closed:
 
     (J - 1) / (1 / h_0) <= reach
 
-J the ratio of areas of vane_guard_kernels, 1 / h_0 that of the triangle's height at rest.
+J the ratio of areas of guard_kernels, 1 / h_0 that of the triangle's height at rest.
 
 Wet feathers have water on the vane, hooks that it weakens, and air that finds its way through.
 With the wetness w of a rule at a time, 0 to 1:

@@ -16,7 +16,7 @@ from featherfx.errors import InputWarning, warn_input
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.read.space import SceneReaders
 from featherfx.groom.types import Groom
-from featherfx.provenance import StageRead, note_read
+from featherfx.phases import StageRead, note_read
 from featherfx.shot.frames import StageClock
 from featherfx.shot.patterns import Channel, Target
 from featherfx.shot.read.motion import ClockReader

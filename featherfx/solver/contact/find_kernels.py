@@ -6,7 +6,7 @@ import numpy as np
 
 from featherfx.algebra.vector_kernels import cross, dot, length, store, sub
 from featherfx.jit.compiled import kernel
-from featherfx.mechanics.row_kernels import node_index
+from featherfx.mechanics.barb_kernels import node_index
 from featherfx.solver.contact.clearance_kernels import (
     BESIDE_RATIO,
     CREASE_RATIO,

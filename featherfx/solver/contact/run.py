@@ -10,10 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from featherfx.algebra.thread_team import new_team
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import vectors_to_frames
-from featherfx.algebra.views import ViewedTuples, Views, views_of
+from featherfx.algebra.views import ViewedTuples, Views, new_team, views_of
 from featherfx.files.process import limit_threads
 from featherfx.jit.compiled import KernelModule
 from featherfx.mechanics.model import Contacts, Loads, expand_wind

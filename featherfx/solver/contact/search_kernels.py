@@ -11,7 +11,7 @@ from math import sqrt
 
 from featherfx.algebra.vector_kernels import add, dot, length, normal_of, scale, store, sub
 from featherfx.jit.compiled import kernel
-from featherfx.mechanics.row_kernels import node_index
+from featherfx.mechanics.barb_kernels import node_index
 from featherfx.solver.contact.types import RIM_SAMPLES
 
 # what the square of a guessed distance is rounded up by, of itself

@@ -12,9 +12,8 @@ from math import sqrt
 
 import numpy as np
 
-from featherfx.algebra.thread_team import forget_tickets, meet, say_done, ticket, wait_for
 from featherfx.algebra.vector_kernels import copy_values
-from featherfx.algebra.views import viewed
+from featherfx.algebra.views import forget_tickets, meet, say_done, ticket, viewed, wait_for
 from featherfx.jit.compiled import kernel
 from featherfx.solver.contact.joint_kernels import choose_forces, find_weights, solve_forces
 from featherfx.solver.contact.list_kernels import (

@@ -10,7 +10,17 @@ few kinds of pairs in line_kernels are all that triangles, hinges and twist coup
 from featherfx.algebra.vector_kernels import accumulate
 from featherfx.algebra.views import increase, load, put, spread
 from featherfx.jit.compiled import kernel, loop_kernel, shared_kernel
+from featherfx.mechanics.barb_kernels import (
+    add_director_stiffness,
+    subtract_couple_moments,
+    subtract_director_moments,
+)
 from featherfx.mechanics.contact_kernels import add_contact_forces, add_contact_stiffness, press
+from featherfx.mechanics.guard_kernels import (
+    add_turn_guard_stiffness,
+    add_turn_guard_stress,
+    is_pressed,
+)
 from featherfx.mechanics.node_kernels import add_dead_forces, add_grip_forces, node_forces
 from featherfx.mechanics.rachis_kernels import (
     rachis_geometric_stiffness,
@@ -18,13 +28,6 @@ from featherfx.mechanics.rachis_kernels import (
     rachis_stabilising_stiffness,
 )
 from featherfx.mechanics.ribbon_kernels import add_curl_stiffness, add_curl_stress
-from featherfx.mechanics.row_kernels import (
-    add_director_stiffness,
-    subtract_couple_moments,
-    subtract_director_moments,
-)
-from featherfx.mechanics.turn_guard_kernels import add_turn_guard_stiffness, add_turn_guard_stress
-from featherfx.mechanics.vane_guard_kernels import is_pressed
 from featherfx.mechanics.vane_hook_kernels import all_hold, hinge_hold, row_of_gaps, twist_hold
 from featherfx.solver.step.active_contact_kernels import followed_contacts
 from featherfx.solver.step.pose_kernels import barb_jacobians, joint_axes

@@ -38,13 +38,12 @@ from typing import NamedTuple
 from featherfx.algebra.vector_kernels import dot, scale, sub
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.air_kernels import carried_energy, carries_air, unit_normal
+from featherfx.mechanics.barb_kernels import couple_energy, director_energy
 from featherfx.mechanics.contact_kernels import contact_energy
+from featherfx.mechanics.guard_kernels import guard_total, turn_guard_total
 from featherfx.mechanics.node_kernels import dead_energy, grip_energy, node_energy
 from featherfx.mechanics.ribbon_kernels import curl_total
-from featherfx.mechanics.row_kernels import couple_energy, director_energy
-from featherfx.mechanics.turn_guard_kernels import turn_guard_total
 from featherfx.mechanics.vane_bending_kernels import folded
-from featherfx.mechanics.vane_guard_kernels import guard_total
 from featherfx.mechanics.vane_hook_kernels import (
     all_hold,
     gaps_of,

@@ -19,7 +19,7 @@ from featherfx.algebra.vector_kernels import (
 )
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.air_kernels import blow_step
-from featherfx.mechanics.row_kernels import points_of
+from featherfx.mechanics.barb_kernels import points_of
 from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of, never_slip
 from featherfx.solver.step.energy_kernels import (
     begin_bound,

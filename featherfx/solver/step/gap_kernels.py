@@ -20,8 +20,8 @@ from math import inf, sqrt
 
 from featherfx.algebra.vector_kernels import add, dot, length, normal_of, scale, sub
 from featherfx.jit.compiled import kernel, shared_kernel
-from featherfx.mechanics.row_kernels import node_index
-from featherfx.mechanics.vane_guard_kernels import area_ratio
+from featherfx.mechanics.barb_kernels import node_index
+from featherfx.mechanics.guard_kernels import area_ratio
 from featherfx.mechanics.vane_hook_kernels import (
     all_hold,
     copy_gaps,

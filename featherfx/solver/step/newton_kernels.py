@@ -35,7 +35,7 @@ from typing import NamedTuple
 
 from featherfx.algebra.vector_kernels import copy_values
 from featherfx.jit.compiled import kernel, shared_kernel
-from featherfx.mechanics.row_kernels import copy_points
+from featherfx.mechanics.barb_kernels import copy_points
 from featherfx.solver.step.active_contact_kernels import (
     add_contacts_to_matrix,
     followed_contacts,

@@ -27,9 +27,15 @@ from featherfx.algebra.vector_kernels import (
 )
 from featherfx.algebra.views import shaped
 from featherfx.jit.compiled import kernel, shared_kernel
-from featherfx.mechanics.barb_kernels import barb_axes, barb_jacobian, barb_points, root_jacobian
+from featherfx.mechanics.barb_kernels import (
+    barb_axes,
+    barb_jacobian,
+    barb_points,
+    copy_points,
+    points_of,
+    root_jacobian,
+)
 from featherfx.mechanics.rachis_kernels import rachis_gradient, rachis_strain
-from featherfx.mechanics.row_kernels import copy_points, points_of
 from featherfx.solver.step.strain_kernels import copy_strains, feather_strains, strains_of
 
 

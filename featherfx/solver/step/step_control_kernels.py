@@ -39,7 +39,7 @@ from featherfx.algebra.vector_kernels import (
 )
 from featherfx.jit.compiled import kernel, shared_kernel
 from featherfx.mechanics.air_kernels import blow_step
-from featherfx.mechanics.row_kernels import copy_points, points_of
+from featherfx.mechanics.barb_kernels import copy_points, points_of
 from featherfx.mechanics.vane_hook_kernels import copy_gaps, gaps_of
 from featherfx.solver.step.energy_kernels import EnergyBound
 from featherfx.solver.step.integrator_kernels import NODE_POINTS, motion_of

@@ -31,10 +31,9 @@ from featherfx.algebra.vector_kernels import copy_values, sub
 from featherfx.algebra.views import COUNT as LANES
 from featherfx.algebra.views import follow, lane, load, put, shaped, spread, transposed, where_there
 from featherfx.jit.compiled import kernel, loop_kernel
-from featherfx.mechanics.row_kernels import node_index
-from featherfx.mechanics.vane_bending_kernels import angles_and_openness, wrapped
+from featherfx.mechanics.barb_kernels import node_index
+from featherfx.mechanics.vane_bending_kernels import angles_and_openness, cell_twist, wrapped
 from featherfx.mechanics.vane_membrane_kernels import membrane_strain
-from featherfx.mechanics.vane_twist_kernels import cell_twist
 from featherfx.solver.types import Strains
 
 

@@ -11,8 +11,7 @@ from featherfx.algebra.vector_kernels import add, combined, cross, scale
 from featherfx.algebra.views import COUNT as LANES
 from featherfx.algebra.views import increase, lane, load, put, spread, totals
 from featherfx.jit.compiled import kernel, loop_kernel, shared_kernel
-from featherfx.mechanics.barb_kernels import add_barb_forces, barb_tensions
-from featherfx.mechanics.row_kernels import node_index
+from featherfx.mechanics.barb_kernels import add_barb_forces, barb_tensions, node_index
 from featherfx.solver.vane.line_kernels import (
     PAIR_ALONG,
     PAIR_BACK,

@@ -2,7 +2,7 @@
 
 Beside k g_p g_q^T of its strains, a triangle has a geometric stiffness (vane_membrane_kernels): the
 whole of it, or, where the whole matrix is indefinite, its stabilising part along the normal. A
-compression guard (vane_guard_kernels) adds to the stresses, and J as one more strain.
+compression guard (guard_kernels) adds to the stresses, and J as one more strain.
 """
 
 from typing import NamedTuple
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from featherfx.algebra.views import COUNT as LANES
 from featherfx.algebra.views import load, put, spread, transposed, where_there
 from featherfx.jit.compiled import kernel, loop_kernel
-from featherfx.mechanics.vane_guard_kernels import guard_slopes, is_apart
+from featherfx.mechanics.guard_kernels import guard_slopes, is_apart
 from featherfx.mechanics.vane_hook_kernels import GapRow, gap_of, gap_response, holds
 from featherfx.mechanics.vane_membrane_kernels import (
     membrane_geometric_stiffness,

@@ -1,5 +1,5 @@
 """Forces and stiffness of a vane's hinges and of its twist (vane_bending_kernels,
-vane_twist_kernels), barb by barb.
+vane_bending_kernels), barb by barb.
 
 Stiffness that damping gives hinges of which a triangle is crushed.
 

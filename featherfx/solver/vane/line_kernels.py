@@ -12,9 +12,8 @@ from featherfx.algebra.vector_kernels import sub
 from featherfx.algebra.views import COUNT as LANES
 from featherfx.algebra.views import load, put, where_there
 from featherfx.jit.compiled import kernel, loop_kernel
-from featherfx.mechanics.vane_bending_kernels import hinge_slopes
+from featherfx.mechanics.vane_bending_kernels import hinge_slopes, twist_slopes
 from featherfx.mechanics.vane_membrane_kernels import membrane_slopes
-from featherfx.mechanics.vane_twist_kernels import twist_slopes
 from featherfx.solver.types import (
     AXIS_SIZE,
     HALF_SIZE,

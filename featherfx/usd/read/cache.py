@@ -16,7 +16,7 @@ from featherfx import usd
 from featherfx.algebra.types import Array, Floats, Indices
 from featherfx.algebra.vectors import unit
 from featherfx.errors import InputError, Problem
-from featherfx.provenance import LeftOut
+from featherfx.phases import LeftOut
 from featherfx.usd.read.cached_feather import (
     CachedFeather,
     FeatherMember,

@@ -18,7 +18,7 @@ from pxr import UsdGeom, UsdSkel
 from featherfx.algebra.types import Array
 from featherfx.errors import InputError, Problem, warn_input
 from featherfx.groom.keys.problems import Place, Problems
-from featherfx.provenance import LeftOut, StageRead, note_read
+from featherfx.phases import LeftOut, StageRead, note_read
 from featherfx.shot.frames import StageClock
 from featherfx.usd.read.drawn_meshes import DrawnMesh, drawn_meshes, is_drawn, list_undrawn
 from featherfx.usd.read.stage import (

@@ -15,7 +15,7 @@ from pxr import Usd, UsdGeom
 from featherfx.algebra.types import Array
 from featherfx.groom.keys.groom import DRAWN_KEYS
 from featherfx.groom.keys.problems import Place, Problems
-from featherfx.provenance import LeftOut
+from featherfx.phases import LeftOut
 from featherfx.usd.read.skinning import Skinning, find_skinning
 from featherfx.usd.read.stage import SourceScene, prims_below
 from featherfx.usd.read.values import (

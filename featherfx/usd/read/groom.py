@@ -17,7 +17,7 @@ from featherfx.errors import all_of
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.read.rachis_curve import DrawnBarbs
 from featherfx.groom.read.space import DrawnFeather
-from featherfx.provenance import LeftOut, StageRead, note_read
+from featherfx.phases import LeftOut, StageRead, note_read
 from featherfx.usd.read.curves import CurveElement, PrimvarReader, is_curves, read_prim_curves
 from featherfx.usd.read.drawn_meshes import Instances, find_hidden, instance_matrices, refuse_rings
 from featherfx.usd.read.stage import (

@@ -16,7 +16,7 @@ from featherfx.groom.keys.groom import DEFAULT_PRIMVARS, USD_KEYS
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.keys.values import Table
 from featherfx.groom.skin.field import search_tree
-from featherfx.provenance import LeftOut, StageRead, note_read
+from featherfx.phases import LeftOut, StageRead, note_read
 from featherfx.shot.sources import View
 from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.drawn_meshes import drawn_meshes, find_hidden

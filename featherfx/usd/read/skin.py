@@ -14,7 +14,7 @@ from featherfx.algebra.types import Array, Flags
 from featherfx.errors import all_of, warn_input
 from featherfx.groom.keys.problems import Place, Problems, nearest
 from featherfx.groom.skin.points import skin_doubts
-from featherfx.provenance import StageRead, note_read
+from featherfx.phases import StageRead, note_read
 from featherfx.usd.read.curves import is_curves, read_prim_curves
 from featherfx.usd.read.mesh_topology import read_primvar
 from featherfx.usd.read.ribbons import open_carrier

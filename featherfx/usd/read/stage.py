@@ -17,7 +17,7 @@ from pxr import Pcp, Sdf, Usd, UsdGeom, UsdSkel
 from featherfx.algebra.types import Array
 from featherfx.errors import InputError, some_of, warn_input
 from featherfx.groom.keys.problems import Place, Problems, closest
-from featherfx.provenance import LeftOut
+from featherfx.phases import LeftOut
 from featherfx.usd.read.values import (
     DEFAULT_TIME,
     EARLIEST_TIME,
