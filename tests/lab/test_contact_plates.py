@@ -77,6 +77,26 @@ def test_a_plate_sticks_on_a_flat_slope_and_slides_down_a_steep_one():
     assert found.energy_gain == 0.0
 
 
+@pytest.mark.parametrize("steps", [0, 4, 16])
+@pytest.mark.parametrize(("speed", "x", "most"), [(5.0, -0.1, 0.04), (0.3, -0.02, 0.005)])
+def test_friction_slows_a_plate_that_is_thrown_along_another_until_it_sticks(speed, x, most, steps):
+    """At 5 m/s it passes the other's whole length in a frame."""
+    slowed = 0.3 * 9.81 / FRAMES_PER_SECOND  # in a frame
+    frames = 1 if speed > 1.0 else 5
+    setup = PlateSetup(5e-4, "preview", gravity=9.81, friction=0.3, steps=steps)
+    rigid = Plate(1e3 * BENDING, 0.1)
+    plates = TouchingPlates([rigid, replace(rigid, height=5e-4, x=x, is_free=True)], setup)
+    plates.throw(1, (speed, 0.0, 0.0))
+    samples = list(plates.go(frames))
+    speeds = np.array([each.velocity[1, 0] for each in samples])
+    slides = speeds[1:] > slowed
+    assert slides[0]
+    assert -np.diff(speeds)[slides] == pytest.approx(slowed, rel=most)
+    if frames > 1:
+        assert np.abs(speeds[4:]).max() < plates.slip_speed / 20.0
+    assert energy_gain(samples) < 1e-6
+
+
 @pytest.mark.parametrize("steps", [16, 64])
 @pytest.mark.parametrize(
     ("case", "figure", "most"), [("slide", "acceleration", 0.02), ("collide", "momentum", 3e-3)]
