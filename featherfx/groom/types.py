@@ -428,7 +428,7 @@ class Groom(ByValue, Documented):
     layout makes (feather/leaves.py), None without. skin: corners (T, 3, 3) m of the meshes that
     regions grow on, None where there are none. drawn_gravity: (3,) m/s^2, under which the
     drawn pose is the balance, None where it is the unloaded shape. inputs: what its files say, by
-    key (value_diff.py), for messages. skin_keys: checked keys of [skin], None without it. forward:
+    key (toml_file.py), for messages. skin_keys: checked keys of [skin], None without it. forward:
     (3,) of the creature, level. document: the tables that it was read from, None after
     `dataclasses.replace`.
     """

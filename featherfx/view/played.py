@@ -137,7 +137,7 @@ VALUE_NAMES = (STRAIN.name, _HOOKED.name, _PENETRATION.name)
 
 
 class Played:
-    """One cache that is played. points: of all feathers, at most `most` are kept (thinned.py).
+    """One cache that is played. points: of all feathers, at most `most` are kept (levels.py).
     bare: without the body. chosen: names of values that frames may have, None: all that it has.
 
     codes: its frames; None for a cache without time. Raises InputError as Cache does.
@@ -314,7 +314,7 @@ class Played:
 
     def constant(self) -> bytes:
         """Corners (3 uint32 a triangle), points (uint32) and their corners of each level
-        (thinned.py), then three colours a point (3 bytes each): pattern, region and barb angle."""
+        (levels.py), then three colours a point (3 bytes each): pattern, region and barb angle."""
         whole = [self._kept.triangles, *(each for level in self._levels for each in level)]
         colours = [self._pattern(), self._regions(), self._barbs()]
         return b"".join(

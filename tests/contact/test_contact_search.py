@@ -9,10 +9,9 @@ import pytest
 from contact_cases import THICKNESS, free_feathers
 from scipy.spatial.transform import Rotation
 
-from featherfx.solver.contact.interval import neighbours
 from featherfx.solver.contact.list_kernels import colour_island, colour_some
 from featherfx.solver.contact.run import Marks, islands_before, no_colours
-from featherfx.solver.contact.search import Searcher
+from featherfx.solver.contact.search import Searcher, neighbours
 from featherfx.solver.contact.search_kernels import guest_place
 from featherfx.solver.contact.surfaces import (
     WALL_FIT,

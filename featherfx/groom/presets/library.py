@@ -49,7 +49,7 @@ class Library:
     """Presets by family and name, each file read once.
 
     problems: of whoever reads with it. said: what the files say, by presets.FAMILY/NAME.KEY
-    (told.py).
+    (toml_file.py).
     """
 
     def __init__(self, folders: Iterable[str | Path], problems: Problems) -> None:

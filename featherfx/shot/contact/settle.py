@@ -152,7 +152,7 @@ def settled_together(
 ) -> Settled:
     """The batches in balance with their loads and each other, from the given states on; obstacles,
     the batches behind all others, go along. raised: (B,) rad, how far feathers are turned up first,
-    and led back down from (raised.py).
+    and led back down from (raised_points).
 
     Raises SimulationError where a feather cannot be solved. One that finds no balance is left on
     its way (warn_of_unsettled).

@@ -15,7 +15,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from featherfx.algebra.types import Flags
-from featherfx.algebra.vectors import distinct
 from featherfx.files.process import limit_threads
 from featherfx.jit.compiled import KernelModule
 from featherfx.mechanics.model import Loads
@@ -28,7 +27,13 @@ from featherfx.solver.contact.run import (
     no_colours,
     room_for_forces,
 )
-from featherfx.solver.contact.search import ContactSearch, Searcher, new_touch
+from featherfx.solver.contact.search import (
+    ContactSearch,
+    Searcher,
+    islands_of,
+    neighbours,
+    new_touch,
+)
 from featherfx.solver.contact.surfaces import (
     NEAR_ROOT_OF_OBSTACLE,
     WALL_FIT,
@@ -483,23 +488,3 @@ class ContactSolver:
             near = neighbours(self.candidates.pairs[touching], self.grids.bodies)
             self._touching = touching, near
         return self._touching[1]
-
-
-def neighbours(pairs: Indices, bodies: int) -> ByBody:
-    """List which bodies each touches. pairs: (N, 2) bodies that touch."""
-    both = np.concatenate([pairs, pairs[:, ::-1]])
-    body, other = np.divmod(distinct(both[:, 0] * bodies + both[:, 1]), bodies)
-    return ByBody(np.searchsorted(body, np.arange(bodies + 1)).astype(np.int64), other)
-
-
-def islands_of(touching: ByBody) -> tuple[int, Indices]:
-    """Count the islands of bodies that touch, directly or through others; return also (B,) in which
-    each body is."""
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import connected_components
-
-    bodies = len(touching.first) - 1
-    parts = np.ones(len(touching.items)), touching.items, touching.first
-    graph = csr_array(parts, shape=(bodies, bodies))
-    count, island = connected_components(graph, directed=False)
-    return int(count), island.astype(np.int64)

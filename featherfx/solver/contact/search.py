@@ -13,10 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from featherfx.algebra.vectors import distinct
 from featherfx.jit.compiled import KernelModule
 from featherfx.solver.contact.types import (
     CONTACT_DTYPE,
     WALL_BITS,
+    ByBody,
     Bytes,
     Candidates,
     Clearance,
@@ -274,3 +276,23 @@ def _no_clearance(surfaces: VaneSurfaces) -> Clearance:
         pose=np.zeros((0, 12)),
         wait=np.zeros(0, dtype=np.int8),
     )
+
+
+def neighbours(pairs: Indices, bodies: int) -> ByBody:
+    """List which bodies each touches. pairs: (N, 2) bodies that touch."""
+    both = np.concatenate([pairs, pairs[:, ::-1]])
+    body, other = np.divmod(distinct(both[:, 0] * bodies + both[:, 1]), bodies)
+    return ByBody(np.searchsorted(body, np.arange(bodies + 1)).astype(np.int64), other)
+
+
+def islands_of(touching: ByBody) -> tuple[int, Indices]:
+    """Count the islands of bodies that touch, directly or through others; return also (B,) in which
+    each body is."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    bodies = len(touching.first) - 1
+    parts = np.ones(len(touching.items)), touching.items, touching.first
+    graph = csr_array(parts, shape=(bodies, bodies))
+    count, island = connected_components(graph, directed=False)
+    return int(count), island.astype(np.int64)
