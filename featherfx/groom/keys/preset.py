@@ -134,20 +134,9 @@ class Quality:
 
     def on_grid(self, rows: int, columns: int, coefficients: int, **others: Any) -> Quality:
         """Return one that simulates every feather in full, on this grid; others: more keys."""
-        return replace(
-            self,
-            error=None,
-            rows=rows,
-            columns=columns,
-            coefficients=coefficients,
-            simulated_rows=0,
-            simulated_columns=0,
-            coarse_below=0.0,
-            rachis_below=0.0,
-            guided_below=0.0,
-            rigid_below=0.0,
-            **others,
-        )
+        own = replace(self, coarse_below=0.0, rachis_below=0.0, guided_below=0.0, rigid_below=0.0)
+        own = replace(own, error=None, simulated_rows=0, simulated_columns=0)
+        return replace(own, rows=rows, columns=columns, coefficients=coefficients, **others)
 
     @property
     def pushing(self) -> Quality:
