@@ -197,7 +197,8 @@ class JointRoots:
         found = RootFrames(positions, turns @ self.at_rest.rotations)
         if self.bows is not None:
             turned = self.skeleton.turned(poses._replace(bends=0.0 * poses.bends))
-            found = self.bows.bent(found, self.at_rest, turned, rotations, self.are_beaten)
+            folded = poses.folds if self.are_beaten else None
+            found = self.bows.bent(found, self.at_rest, turned, rotations, folded)
         if self.arms is not None and self.are_beaten:
             found = self.arms.less_beaten(found, poses.rotations, rotations, shifts)
         return found

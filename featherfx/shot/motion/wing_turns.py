@@ -55,11 +55,17 @@ class Bows:
         return self._bent(off, off, -fraction)
 
     def bent(
-        self, roots: RootFrames, at_rest: RootFrames, turned: Array, rotations: Array, beaten: bool
+        self,
+        roots: RootFrames,
+        at_rest: RootFrames,
+        turned: Array,
+        rotations: Array,
+        folded: Array | None,
     ) -> RootFrames:
         """Roots of flat wings, bent as those of joints that are turned, (J, 3, 3), against their
         parents, but for what beats bend. at_rest: roots of flat wings. rotations: (J, 3, 3) of
-        carriers. beaten: whether upper arms count."""
+        carriers. folded: (J,) whole folds since rest, without turns as of beats; None: upper arms
+        do not count."""
         whole = np.maximum(np.linalg.norm(self.hinges, axis=1), 1e-12)
         # the part of a turn about a hinge: one square to it besides, as of a hand, changes none
         w, *v = frames_to_quats(turned).T
@@ -68,10 +74,9 @@ class Bows:
         folds = self.folds + along / whole
         rest, fraction = (np.maximum(each, 0.0)[self.joints] for each in (self.folds, folds))
         more = (fraction - rest)[:, None] * self.hinges[self.arms]
-        if beaten:
-            open_ = vectors_to_frames((self.folds - 1.0)[:, None] * self.hinges) @ turned
-            arm = 1.0 - np.linalg.norm(rotation_vectors(open_), axis=1) / whole
-            shut, arm = (np.maximum(each, 0.0)[self.arms] for each in (self.folds, arm))
+        if folded is not None:
+            own = np.maximum(folds, self.folds + folded)
+            shut, arm = (np.maximum(each, 0.0)[self.arms] for each in (self.folds, own))
             most = arm + np.maximum(rest - shut, 0.0)
             fraction = np.where(self.arms > 0, np.minimum(fraction, most), fraction)
         found = self._bent(roots, at_rest, fraction[:, None])
