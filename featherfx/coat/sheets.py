@@ -57,7 +57,7 @@ _CLEARANCE = 0.01  # of the fan's length, of the sheet from the feathers
 _STATION = 0.03  # of the fan's length, between rings
 _SLOPE, _STEEP = 0.5, 2.0  # of a ramp onto coverts, and of that below feathers behind them
 # of the height of the highest covert: of the top of a ramp over these, and reach of its smoothing
-_OVER, _REACH = 0.15, 0.3
+_OVER, _REACH = 0.12, 0.3
 _TRIES = 2  # in which the feet of feathers are found along ways up
 # exponent of a ring's section, of an ellipse 2 as at the loop; of the fan's length, until it is so
 _ROUNDNESS, _FLATTENING = 4.0, 0.25
