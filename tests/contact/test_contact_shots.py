@@ -19,6 +19,7 @@ from featherfx.phases import Account
 from featherfx.shot.contact.pairs import _through_others
 from featherfx.shot.frames import Frame, StageClock
 from featherfx.shot.loop.simulate import Simulation, simulate
+from featherfx.shot.options import simulation_quality
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.sources import TimedSurface
 from featherfx.shot.types import Contact, Motion, Shot
@@ -348,7 +349,7 @@ def test_contact_can_be_limited_to_regions_and_kinds():
 def test_feathers_that_contact_leaves_out_move_as_without_it():
     shot = replace(half_wing(bird()))
     alone = replace(shot, contact=replace(shot.contact, regions=("none",)))
-    bare = replace(shot, contact=None, quality=shot.quality.pushing)
+    bare = replace(shot, contact=None, quality=simulation_quality(shot))
     with_contact, without = (baked(some, 2)[1] for some in (alone, bare))
     for frame, other in zip(with_contact, without, strict=True):
         for pose, own in zip(frame.poses, other.poses, strict=True):

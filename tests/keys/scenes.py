@@ -1012,6 +1012,7 @@ ELSEWHERE = {
     "motion.heave": "tests/shot/test_wing_beat.py",
     "motion.pitch": "tests/shot/test_driven_joints.py",
     "motion.steady_head": "tests/shot/test_driven_joints.py",
+    "motion.planted_feet": "tests/shot/test_driven_joints.py",
     "motion.by_eye": "tests/shot/test_wing_beat.py",
     "motion.fit": "tests/shot/test_motion_fit.py",
     "motion.kind": "tests/shot/test_motion.py",
