@@ -17,17 +17,6 @@ x' for a rise of
 
 with w and v at the greatest s of the leaves there.
 Ways n from a hollow skin meet at the height H where det (1 + H grad n) = 0.
-
-The ceiling of a coat bounds how far it rises: by feathers over it, such as a folded wing, and
-where the skin is hollow.
-
-With y the points of these feathers, over their feet x on the carrier by heights H, there is room at
-x' for a rise of
-
-    (min (0.8 H + m |x' - x|) - T (d + s) - a w) / v,    |x' - x| along edges of the skin
-
-with w and v at the greatest s of the leaves there.
-Ways n from a hollow skin meet at the height H where det (1 + H grad n) = 0.
 """
 
 from __future__ import annotations
