@@ -69,8 +69,8 @@ class Quality:
     contact_tolerance: Annotated[
         float | None,
         Number(1e-9, 0.1, "m"),
-        "`tolerance` where feathers push each other, as these take common steps; no `error` is "
-        "promised then, and chooses rows and columns in coats alone. Default: as elsewhere.",
+        "`tolerance` where feathers push each other, as these take common steps. No `error` is "
+        "promised then; in coats it still chooses rows and columns. Default: as elsewhere.",
     ] = None
     max_substeps: Annotated[
         int,
