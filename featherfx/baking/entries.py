@@ -16,7 +16,7 @@ from featherfx._version import __version__
 from featherfx.baking.options import BakeOptions, DrawnOptions
 from featherfx.errors import Problem, all_of, require
 from featherfx.feather.placed_feathers import build_feathers
-from featherfx.feather.profiles import at_places, barb_diameters, hooked_fraction, in_cells
+from featherfx.feather.profiles import at_places, barb_diameters, held_by_hooks, in_cells, on_faces
 from featherfx.feather.shapes import distinct_shapes, with_detail
 from featherfx.feather.types import Array, BarbCurves, Feather, RowMap
 from featherfx.groom.keys.problems import Place, Problems
@@ -52,7 +52,7 @@ def entries_of(
     held: dict[tuple[int, bool], Array | None] = {}
     for shape, placement, feather in zip(shapes, groom.feathers, feathers, strict=True):
         if (key := (id(shape[0]), shape[1])) not in held:
-            held[key] = _held(placement.kind, feather, static)
+            held[key] = held_by_hooks(placement.kind, feather, static)
     return [
         FeatherEntry(
             id=placement.id,
@@ -193,21 +193,6 @@ def _vane_stiffness(kind: FeatherKind) -> tuple[float, float]:
     return vane.thickness * vane.modulus_across_barbs, vane.thickness * vane.shear_modulus
 
 
-def _held(kind: FeatherKind, feather: Feather, static: bool) -> Array | None:
-    """(T,) share of hooked barbules at each triangle; None where all are hooked.
-
-    static: whether splits stay open.
-    """
-    loose = any((*vane.hooked.rachis, *vane.hooked.barb) for vane in (kind.leading, kind.trailing))
-    split = static and feather.split.size > 0
-    if not loose and not split:
-        return None
-    fractions = hooked_fraction(kind, feather)
-    if split:
-        fractions = np.where(feather.split, 0.0, fractions)
-    return _on_faces(feather, fractions)
-
-
 def _stiffened(kind: FeatherKind, feather: Feather) -> Array | None:
     """(T,) factors of the vane's stiffness at each triangle; None where all are 1."""
     vane = kind.vane_material
@@ -215,15 +200,7 @@ def _stiffened(kind: FeatherKind, feather: Feather) -> Array | None:
     if profiles == (Profile(), Profile()):
         return None
     thick, across = (in_cells(each, kind, feather) for each in profiles)
-    return _on_faces(feather, np.broadcast_to(thick * across, feather.cell.shape))
-
-
-def _on_faces(feather: Feather, values: Array) -> Array:
-    """(T,) what cells (2, n-1, m, 2) have; 1 on the shaft."""
-    faces = np.ones(len(feather.surface.triangles))
-    # faces of vanes come first, in the order of cells
-    faces[: np.count_nonzero(feather.cell)] = values[feather.cell]
-    return faces
+    return on_faces(feather, np.broadcast_to(thick * across, feather.cell.shape))
 
 
 def drawn_entries(

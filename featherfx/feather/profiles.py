@@ -158,3 +158,26 @@ def build_rachis(kind: FeatherKind, rows: int) -> Rachis:
         height=kind.rachis_material.flattening * width,
         first_vane_row=first_vane_row,
     )
+
+
+def held_by_hooks(kind: FeatherKind, feather: Feather, static: bool) -> Array | None:
+    """(T,) share of hooked barbules at each triangle; None where all are hooked.
+
+    static: whether splits stay open.
+    """
+    loose = any((*vane.hooked.rachis, *vane.hooked.barb) for vane in (kind.leading, kind.trailing))
+    split = static and feather.split.size > 0
+    if not loose and not split:
+        return None
+    fractions = hooked_fraction(kind, feather)
+    if split:
+        fractions = np.where(feather.split, 0.0, fractions)
+    return on_faces(feather, fractions)
+
+
+def on_faces(feather: Feather, values: Array) -> Array:
+    """(T,) what cells (2, n-1, m, 2) have; 1 on the shaft."""
+    faces = np.ones(len(feather.surface.triangles))
+    # faces of vanes come first, in the order of cells
+    faces[: np.count_nonzero(feather.cell)] = values[feather.cell]
+    return faces

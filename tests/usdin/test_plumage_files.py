@@ -76,6 +76,21 @@ def test_instances_are_the_plain_feathers(request, groom, stage):
         assert np.abs(same.normals - pose.normals).max() < 1e-3
 
 
+def test_instances_are_as_loose_as_the_plain_feathers(tmp_path):
+    groom = tmp_path / "groom.toml"
+    write_skin(tmp_path)
+    # plumes' barbs hook to nothing, so a renderer sees through their vanes
+    plumes = region(keys="count = 9\nlength = 0.03").replace("body_contour", "ornamental_plume")
+    groom.write_text(SKIN + plumes)
+    loose = []
+    for instances in (True, False):
+        output = tmp_path / f"{instances}.usdc"
+        export_groom(groom, output, quality="draft", instances=instances)
+        loose.append(Cache(output).hooked_of(range(9), None))
+    assert np.array_equal(*loose)
+    assert 0.0 < np.mean(loose[0]) < 0.9
+
+
 def test_instances_are_few_prims_and_keep_their_numbers(groom):
     output = groom.with_name("small.usdc")
     export_groom(groom, output, quality="draft")

@@ -349,7 +349,8 @@ def _warn_of_crossed(crossed: Sequence[Mapping[str, Any]], laid: bool) -> None:
     helps = (
         "Move or turn one, or take a finer quality, which draws a [layout] more closely"
         if laid
-        else "Move or turn one, or add a [layout] table to the groom, which lays them"
+        else "In a row give all the same larger `roll`, so that each lies over the next; in a groom"
+        " with regions add a [layout] table, which lays them; else move one"
     )
     if crossed:
         first, more = crossed[0], len(crossed) - 1

@@ -22,6 +22,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 from featherfx.algebra.vectors import frames_to_quats
 from featherfx.feather.colours import at_nodes, colour_feather, uniform
 from featherfx.feather.detail import ThinnedGrid, choose_rows_and_nodes, detail_of
+from featherfx.feather.profiles import held_by_hooks
 from featherfx.feather.shapes import encode_shape
 from featherfx.feather.types import LEADING, TRAILING, Array, Feather, RowPoints, barb_slice
 from featherfx.files.atomic_write import standing
@@ -265,6 +266,7 @@ def _entries(
             feather=shape,
             rest_points=place(shape.rest, np.zeros(3), np.eye(3)),
             static=True,
+            held=held_by_hooks(kind, shape, True),
             # instances of one shape are equally bright
             colours=colour_feather(uniform(kind), shape, None, "", shading) if coloured else None,
             look=look_text(kind.drawn_look),
