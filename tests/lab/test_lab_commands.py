@@ -5,11 +5,9 @@ import json
 import numpy as np
 import pytest
 from commands import invoke
-from places import SAMPLES
 
 from featherfx.cli.lab.experiments import COMMANDS, EXPERIMENTS
 from featherfx.cli.lab.measure import lab
-from featherfx.lab.program import shot_figures
 from featherfx.lab.studies.study import STUDIES
 
 ROD = ("--length", "0.3", "--ei", "2e-3")
@@ -274,9 +272,3 @@ def test_measure_plumage_bakes_what_it_writes(swan, tmp_path):
     assert title[0] == "feathers"
     assert len(row) == len(title)
     assert (tmp_path / "30/cache/plumage.usdc").is_file()
-
-
-def test_a_measured_shot_has_an_error_of_its_steps():
-    figures = shot_figures(SAMPLES / "feather_pull/shot.toml")
-    assert 1e-6 < figures["error of the substeps, feather lengths"] < 0.01
-    assert figures["same bytes with 1 and 2 threads"]

@@ -60,7 +60,6 @@ from featherfx.lab.vane.calibrate import (
     save_preset,
 )
 from featherfx.lab.vane.hooked import CycleTest, TearTest, cycle, tear
-from featherfx.lab.vane.hysteresis import fit_cycles
 from featherfx.lab.vane.mesoscale import (
     AnglesTest,
     BandTest,
@@ -199,22 +198,12 @@ def _mesoscale(test: BandTest, size_effect: bool, output: Path | None) -> Iterat
 
 
 def _calibrate(
-    test: CalibrateTest,
-    file: Path,
-    save: Path | None,
-    name: str | None,
-    cycles: bool,
-    law: str | None,
+    test: CalibrateTest, file: Path, save: Path | None, name: str | None, law: str | None
 ) -> Iterator[Any]:
     if law is not None:
-        if cycles or save is not None or name is not None:
-            raise click.UsageError("--save, --name and --cycles do not go with --law")
-        yield fit_tissue(law, *read_tissue(file), str(file))
-        return
-    if cycles:
         if save is not None or name is not None:
-            raise click.UsageError("--save and --name do not go with --cycles")
-        yield fit_cycles(read_curves(file, in_order=True), feather_kind(test.preset), str(file))
+            raise click.UsageError("--save and --name do not go with --law")
+        yield fit_tissue(law, *read_tissue(file), str(file))
         return
     if (save is None) != (name is None):
         raise click.UsageError("--save and --name belong together")
@@ -261,7 +250,6 @@ _CALIBRATION = (
         help="Save as a material preset in this folder of presets.",
     ),
     click.Option(["--name"], help="Of the preset."),
-    click.Option(["--cycles"], is_flag=True, help="Samples are loaded and unloaded: fit hooks."),
     click.Option(
         ["--law"],
         type=click.Choice(list(LAWS)),
@@ -402,7 +390,6 @@ EXPERIMENTS = {
         _calibrate,
         "tests.csv --json",
         "tests.csv --save mine --name my_vane",
-        "cycles.csv --cycles --json",
         "skin.csv --law sacks",
         more=_CALIBRATION,
     ),

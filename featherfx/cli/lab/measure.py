@@ -38,7 +38,6 @@ from featherfx.lab.bench.report import BenchOptions, ResultTable, machine, page,
 from featherfx.lab.bench.skips import FULL_BIRDS, QUICK_BIRDS, birds_table, skips_table
 
 _SAMPLES = shipped("samples")
-_QUICK = ("swan_wing", "feather_pull", "breeze")  # take seconds
 _COMPILED = {
     "bake": "swan_wing",
     "contact": "flapping_bird",
@@ -76,18 +75,6 @@ def measure_house(folder: Path | None) -> None:
         click.echo(line)
 
 
-@measure.command("shot", cls=Command)
-@click.argument("shots", type=readable_path(), nargs=-1)
-@json_option()
-def measure_shot(shots: tuple[Path, ...], as_json: bool) -> None:
-    """Times, iterations and exactness of shots.
-
-    SHOTS: by default samples that take seconds.
-    """
-    for shot in shots or [_SAMPLES / name / "shot.toml" for name in _QUICK]:
-        show(program.shot_figures(shot), as_json)
-
-
 @measure.command("corpus", cls=Command)
 @click.argument("paths", type=readable_path(), nargs=-1, required=True)
 @json_option()
@@ -113,18 +100,6 @@ def measure_scaling(preset: str) -> None:
         (
             (rule, f"{size:g}", f"{100 * tip:.2f}", f"{100 * barbs:.2f}", f"{rate:.2f}")
             for rule, size, tip, barbs, rate in program.scaling_rows(preset)
-        ),
-    )
-
-
-@measure.command("kernels", cls=Command)
-def measure_kernels() -> None:
-    """Times of the kernels of a Newton iteration; set OPENBLAS_NUM_THREADS=1."""
-    _table(
-        "feather, kernel, microseconds, million operations, of the peak",
-        (
-            (name, each, f"{spent:.0f}", count and f"{count / 1e6:.3g}", part and f"{part:.0%}")
-            for name, each, spent, count, part in program.kernel_rows()
         ),
     )
 

@@ -57,12 +57,11 @@ class MeasuredCurve:
     stress: Array
 
 
-def read_curves(path: Path, in_order: bool = False) -> tuple[MeasuredCurve, ...]:
+def read_curves(path: Path) -> tuple[MeasuredCurve, ...]:
     """Curves of a CSV file with the columns of COLUMNS (SI units, degrees), one point a line.
 
-    Lines of equal angle, width, height and thickness are one curve, by strain or, in_order, as the
-    lines follow each other. Raises InputError with all
-    problems found; OSError if the file cannot be read.
+    Lines of equal angle, width, height and thickness are one curve, by strain. Raises InputError
+    with all problems found; OSError if the file cannot be read.
     """
     source = str(path)
     try:
@@ -84,7 +83,7 @@ def read_curves(path: Path, in_order: bool = False) -> tuple[MeasuredCurve, ...]
         more = len(problems) - _NAMED
         rest = [Problem(source, "", f"and {more} more problems")] if more > 0 else []
         raise InputError(*problems[:_NAMED], *rest)
-    return _grouped([point for point in points if point is not None], in_order)
+    return _grouped([point for point in points if point is not None])
 
 
 def _point(
@@ -127,13 +126,13 @@ def _sample_problems(
     return problems
 
 
-def _grouped(points: list[tuple[float, ...]], in_order: bool) -> tuple[MeasuredCurve, ...]:
+def _grouped(points: list[tuple[float, ...]]) -> tuple[MeasuredCurve, ...]:
     groups: dict[tuple[float, ...], list[tuple[float, ...]]] = {}
     for point in points:
         groups.setdefault(point[2:], []).append(point)
     curves = []
     for key, members in groups.items():
-        ordered = np.array(members if in_order else sorted(members))
+        ordered = np.array(sorted(members))
         curves.append(MeasuredCurve(Sample(*key), ordered[:, 0], ordered[:, 1]))
     return tuple(curves)
 
@@ -166,13 +165,10 @@ class CalibrateTest:
     """Fit the three moduli to FILE, a CSV with the columns strain, stress (Pa), angle (degrees),
     width, height and thickness (m), one point a line.
 
-    Curves that cannot determine a modulus are refused, with the test that is missing. With --cycles
-    the points of transverse samples are loads and unloads in the order of the test, and give the
-    modulus across, the yield stress and the slip of the hooks.
+    Curves that cannot determine a modulus are refused, with the test that is missing.
     """
 
     elements: int = value("Of tilted samples.", _FINE, ELEMENTS)
-    preset: str = value("Whose strength and distance of barbs hold, with --cycles.", "swan_primary")
 
 
 @dataclass(frozen=True)
