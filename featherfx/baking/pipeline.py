@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from featherfx.usd.check.check import is_cache as is_cache
     from featherfx.usd.check.check import judge_complete_cache as judge_complete_cache
     from featherfx.usd.check.measures import count_crossings as count_crossings
-    from featherfx.usd.check.measures import measure_holes as measure_holes
     from featherfx.usd.check.measures import measure_plumage as measure_plumage
     from featherfx.usd.convert.levels import export_levels as export_levels
     from featherfx.usd.convert.retime import retime as retime
@@ -45,7 +44,7 @@ _HOMES = {
     "baking.plan": "join plan",
     "baking.stats": "stats",
     "usd.check.check": "is_cache judge_complete_cache",
-    "usd.check.measures": "count_crossings measure_holes measure_plumage",
+    "usd.check.measures": "count_crossings measure_plumage",
     "usd.convert.levels": "export_levels",
     "usd.convert.retime": "retime",
     "usd.convert.rigid": "export_rigid",

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     featherfx check samples/swan_wing/shot.toml
     featherfx check presets/feather/*.toml wing.usdc
     featherfx check --crossings pigeon.usdc --frames 1-24
-    featherfx check --holes top wing.usdc
     featherfx check --plumage pigeon.usdc --skin samples/pigeon/body.usdc /pigeon/body
     featherfx check --explain samples/swan_wing/shot.toml
     """,
@@ -47,11 +46,6 @@ if TYPE_CHECKING:
     "--crossings",
     is_flag=True,
     help="Count triangles of vanes that pass through another or a body, in one USD file.",
-)
-@click.option(
-    "--holes",
-    type=click.Choice(("top", "side", "front")),
-    help="Find holes in the outline of one USD file, seen so.",
 )
 @click.option(
     "--plumage",
@@ -98,11 +92,6 @@ def check(
     pass through each other, and of how many pairs of feathers they are. The skin of the shot, and
     meshes that are not feathers, count as one body. With --json also those of shafts.
 
-    With --holes, prints how many places in the outline of what a file draws, its skin too, are
-    open though enclosed, and the largest circle that fits into any. What lies beside a leg, as
-    between it and the belly, is told apart: 0.4 of its rim is skin without feathers, or a fifth is
-    feathers of thighs and a fifth others.
-
     With --plumage, prints of each tract, and of all contour feathers (whose ids name neither wing
     nor tail), the angle of rachises to the skin at their middle and tip, the heights of tips over
     the skin, how much feathers overlap, and how many pairs intersect, at one frame (--frames,
@@ -117,7 +106,7 @@ def check(
     elif measure == "plumage":
         _measure_plumage(files[0], style, as_json, options)
     elif measure:
-        _measure(measure, files[0], style, as_json, options)
+        _count_crossings(files[0], style, as_json, options)
     else:
         problems, measured = _check_files(files, preset_folders, style)
         _print_findings(files[0], problems, measured, as_json)
@@ -126,12 +115,12 @@ def check(
         click.echo(f"{len(files)} checked, no problems", err=True)
 
 
-_MEASURES = "crossings", "holes", "explain", "plumage"
+_MEASURES = "crossings", "explain", "plumage"
 # options, and the measures that use them
 _NEEDS = {
     "skin": ("plumage",),
     "feather": ("explain",),
-    "frames": ("crossings", "holes", "plumage"),
+    "frames": ("crossings", "plumage"),
     "jobs": ("crossings",),
 }
 
@@ -220,49 +209,20 @@ def _plumage_line(tract: str, each: dict[str, float]) -> str:
     )
 
 
-class _Told(NamedTuple):
-    """Output of a measurement: line of a frame, and JSON of all frames."""
-
-    line: Callable[[dict[str, Any]], str]
-    whole: Callable[[list[dict[str, Any]]], dict[str, Any]]
-
-
-def _totals(counted: list[dict[str, Any]]) -> dict[str, Any]:
-    keys = "crossings", "with_body", "with_shafts"
-    total = {key: sum(each[key] for each in counted) for key in keys}
-    return total | {"worst_frame": max(counted, key=lambda each: each["crossings"])["frame"]}
-
-
-def _holes_line(each: dict[str, Any]) -> str:
-    line = f"{each['holes']}, the widest {1e3 * each['widest']:.2f} mm,"
-    gaps = f" and {each['gaps']} beside legs, up to {1e3 * each['widest_gap']:.2f} mm,"
-    return line + (gaps if each["gaps"] else "")
-
-
-_TOLD = {
-    "crossings": _Told(lambda each: f"{each['crossings']} in {each['pairs']} pairs", _totals),
-    "holes": _Told(
-        _holes_line, lambda counted: {"widest": max(each["widest"] for each in counted)}
-    ),
-}
-
-
-def _measure(what: str, file: Path, style: str, as_json: bool, options: Mapping[str, Any]) -> None:
-    told, counted, frames = _TOLD[what], [], options["frames"]
-    with Progress(what, style) as progress:
-        if what == "crossings":
-            jobs = options["jobs"] or default_jobs()
-            found = pipeline.count_crossings(file, frames, jobs=jobs, on_frame=progress)
-        else:
-            found = pipeline.measure_holes(file, options["holes"], frames, on_frame=progress)
-        for each in found:
+def _count_crossings(file: Path, style: str, as_json: bool, options: Mapping[str, Any]) -> None:
+    counted, jobs = [], options["jobs"] or default_jobs()
+    with Progress("crossings", style) as progress:
+        for each in pipeline.count_crossings(file, options["frames"], jobs=jobs, on_frame=progress):
             counted.append(each)
             if not as_json:
                 frame = each["frame"]
                 at = "at rest" if frame is None else f"at frame {frame:g}"
-                click.echo(f"{what}: {told.line(each)} {at}")
+                click.echo(f"crossings: {each['crossings']} in {each['pairs']} pairs {at}")
     if as_json:
-        print_json({"file": str(file), **told.whole(counted), "frames": counted})
+        keys = "crossings", "with_body", "with_shafts"
+        total = {key: sum(each[key] for each in counted) for key in keys}
+        worst = max(counted, key=lambda each: each["crossings"])["frame"]
+        print_json({"file": str(file), **total, "worst_frame": worst, "frames": counted})
 
 
 _MAX_SHOWN = 40  # prims of a kind, joints of a skeleton; --json has all

@@ -1,4 +1,4 @@
-"""Measurements of a cache: intersections, and holes in its outline.
+"""Measurements of a cache: intersections, and how its plumage lies.
 
 A rachis counts as a line of its vane, as in contact. Intersections of its tube are counted apart.
 
@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from featherfx.algebra.types import Array, Flags, Indices
+from featherfx.algebra.types import Array, Flags
 from featherfx.algebra.vectors import arc_lengths, face_products, unit
 from featherfx.errors import InputError, Problem
 from featherfx.feather.crossings import (
@@ -45,44 +45,6 @@ from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.contents import find_scenery, open_scenery
 from featherfx.usd.read.stage import to_world_matrix
 from featherfx.usd.read.values import open_stage
-
-_AT_ONCE = 4_000_000  # nodes in boxes around triangles
-_MARGIN = 1e-9  # share of a triangle, by which its rim counts as within
-
-
-def _nodes_within(corners: Array, shape: tuple[int, int]) -> Iterator[tuple[Indices, Indices]]:
-    """Yield nodes (i, j) of a lattice of a shape within triangles (T, 3, 2), in pieces.
-
-    corners: in steps of the lattice, from its first node.
-    """
-    start = np.maximum(np.ceil(corners.min(axis=1) - 1e-6).astype(np.int64), 0)
-    end = np.minimum(np.floor(corners.max(axis=1) + 1e-6).astype(np.int64) + 1, shape)
-    wide = np.maximum(end - start, 0)
-    ends = np.cumsum(wide.prod(axis=1))
-    low = 0
-    while low < len(corners):
-        before = ends[low - 1] if low else 0
-        high = max(int(np.searchsorted(ends, before + _AT_ONCE, "right")), low + 1)
-        yield _within(corners[low:high], start[low:high], wide[low:high])
-        low = high
-
-
-def _within(corners: Array, start: Indices, wide: Indices) -> tuple[Indices, Indices]:
-    """Return those nodes of the boxes around triangles that lie in these."""
-    count = wide.prod(axis=1)
-    t = np.repeat(np.arange(len(count)), count)
-    number = np.arange(len(t)) - np.repeat(np.cumsum(count) - count, count)
-    i, j = start[t, 0] + number // wide[t, 1], start[t, 1] + number % wide[t, 1]
-    sides = corners[:, 1:] - corners[:, :1]
-    area = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
-    inverse = np.where(np.abs(area) < 1e-9, np.nan, 1.0 / np.where(area == 0.0, 1.0, area))
-    away = np.stack([i, j], axis=1) - corners[t, 0]
-    first, second = sides[t, 0], sides[t, 1]
-    u = (away[:, 0] * second[:, 1] - away[:, 1] * second[:, 0]) * inverse[t]
-    v = (first[:, 0] * away[:, 1] - first[:, 1] * away[:, 0]) * inverse[t]
-    inside = (u >= -_MARGIN) & (v >= -_MARGIN) & (u + v <= 1.0 + _MARGIN)
-    return i[inside], j[inside]
-
 
 # pairs that are named
 _MAX_PAIRS = 10
@@ -216,97 +178,6 @@ def _frame_report(found: Intersections, names: Sequence[str], code: float | None
             if crossed[k]
         ],
     }
-
-
-OUTLINE_VIEWS = {"top": (0, 1), "side": (0, 2), "front": (1, 2)}  # axes of a picture, z up
-_PIXEL = 1e-4  # m
-_MAX_PIXELS = 6000  # along the longer side of an outline
-_LEGS = ("thigh", "crural")  # parts of a [bird] that grow on legs
-# shares of a gap's rim: of bare skin, and of the feathers of legs as of others; by eye
-_BARE, _BOTH = 0.4, 0.2
-_RIM = np.ones((3, 3), dtype=np.bool_)  # of nodes around another
-
-
-def measure_holes(
-    path: str | Path,
-    view: str,
-    frames: tuple[int, int] | None = None,
-    *,
-    on_frame: Callable[[int, int], None] = lambda done, total: None,
-) -> Iterator[dict[str, Any]]:
-    """Yield the holes in the outline of all that a file draws, its skin too, seen from far off.
-
-    A hole is enclosed. Gaps that open to the outside, as between the tips of primaries, are none.
-    Neither are gaps beside a leg, as between leg, belly and tail, or between toes: 0.4 of the rim
-    is skin without feathers, or a fifth is feathers of thighs and a fifth others'.
-
-    view: of OUTLINE_VIEWS. Of each frame: `holes` wider than a pixel, the `widest` (m), the largest
-    circle that fits into any, and `place` (2,) m of its middle in the image; `gaps` and
-    `widest_gap`, likewise of those beside legs. Widths are exact to a `pixel` (m). Raises
-    InputError as count_crossings does.
-    """
-    cache = Cache(path)
-    meshes, chosen = MeasuredMeshes(cache, Path(path)), list(OUTLINE_VIEWS[view])
-    codes = choose_frames(cache, str(path), frames)
-    on_frame(0, len(codes))
-    for done, code in enumerate(codes, 1):
-        skin: list[Array] = []
-        coat: list[Array] = []
-        legs: list[Array] = []
-        each = zip(meshes.points(code), meshes.triangles, meshes.owner, strict=True)
-        for points, triangles, owner in each:
-            is_leg = owner != BODY and cache.feathers[owner].region in _LEGS
-            sort = skin if owner == BODY else legs if is_leg else coat
-            sort.append(points[triangles][:, :, chosen])
-        none = np.zeros((0, 3, 2))
-        found = _holes([np.concatenate([none, *each]) for each in (skin, coat, legs)])
-        on_frame(done, len(codes))
-        yield {"frame": code, **found}
-
-
-def _holes(sorts: list[Array]) -> dict[str, Any]:
-    """Return the holes of triangles. sorts: (T, 3, 2) m, corners of skin, coat and legs."""
-    from scipy import ndimage  # heavy, and only for this
-
-    corners = np.concatenate(sorts)
-    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    pixel = max(_PIXEL, float((high - low).max()) / _MAX_PIXELS)
-    rows, columns = (np.ceil((high - low) / pixel).astype(int) + 3).tolist()
-    drawn = np.zeros((3, rows, columns), dtype=np.bool_)
-    for own, each in zip(drawn, sorts, strict=True):
-        for nodes in _nodes_within((each - low) / pixel + 1.0, (rows, columns)):
-            own[nodes] = True
-    covered = drawn.any(axis=0)
-    parts, count = ndimage.label(~covered)
-    # from the nearest covered node, as far as the middle between it and the one before
-    depth = np.where(parts == parts[0, 0], 0.0, ndimage.distance_transform_edt(~covered))
-    wide = ndimage.maximum(depth, parts, np.arange(1, count + 1)) > 1.0
-    beside = np.zeros(count + 1, dtype=np.bool_)
-    for number, box in enumerate(ndimage.find_objects(parts), 1):
-        if wide[number - 1]:
-            around = tuple(slice(each.start - 1, each.stop + 1) for each in box)
-            beside[number] = _beside_a_leg(parts[around] == number, drawn[:, *around])
-    gaps = np.where(beside[parts], depth, 0.0)
-    depth[beside[parts]] = 0.0
-    at = np.array(np.unravel_index(depth.argmax(), depth.shape))
-    place = (low + pixel * (at - 1.0)).tolist()
-    width = [pixel * max(2.0 * float(each.max()) - 1.0, 0.0) for each in (depth, gaps)]
-    own = int((wide & ~beside[1:]).sum())
-    of_gaps = {"gaps": int(beside.sum()), "widest_gap": width[1]}
-    return {"holes": own, "widest": width[0], "place": place, "pixel": pixel, **of_gaps}
-
-
-def _beside_a_leg(hole: Flags, drawn: Flags) -> bool:
-    """Return whether a hole lies beside a leg.
-
-    hole: (I, J) nodes. drawn: (3, I, J), covered by skin, coat and the feathers of legs.
-    """
-    from scipy import ndimage
-
-    rim = ndimage.binary_dilation(hole, _RIM) & ~hole & drawn.any(axis=0)
-    _, coat, legs = drawn[:, rim]
-    bare = float((~coat & ~legs).mean())
-    return bare >= _BARE or min(float(coat.mean()), float(legs.mean())) >= _BOTH
 
 
 _SAMPLES, _NEAREST, _NEIGHBOURS = 200_000, 8, 3
