@@ -66,7 +66,7 @@ def bake(
     """
     notify = on_frame or (lambda done, total: None)
     current = account()
-    with nullcontext(current) if current else Account() as timed:
+    with nullcontext(current) if current else Account() as timed, seldom_collected():
         return _bake(shot, output, notify, make_options(BakeOptions, options), timed)
 
 
@@ -81,7 +81,7 @@ def _bake(
     document = shot.document if isinstance(shot, Shot) else None
     reads: list[StageRead] = [] if document is None else [*document.reads]
     try:
-        with seldom_collected(), listen_to_reads(reads.append):
+        with listen_to_reads(reads.append):
             request_expected("bake", package="featherfx.solver")  # it is read meanwhile
             task = open_task(shot, output, options)
     except KeyboardInterrupt as error:
@@ -138,8 +138,7 @@ def carry_out(task: BakeTask, notify: Callable[[int, int], None]) -> dict[str, A
         figures |= {"worst_residual": 0.0, "skipped": {}}
     else:
         # the solver takes its time to load, which a finished cache does without
-        with seldom_collected():
-            from featherfx.baking.frame_loop import simulate_and_write
+        from featherfx.baking.frame_loop import simulate_and_write
 
         done, figures = simulate_and_write(task, notify)
     if task.bodies:

@@ -5,20 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import nullcontext
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from featherfx.baking.entries import drawn_entries, metadata_of, scenery_of
 from featherfx.baking.task import BakeTask
-from featherfx.files.process import (
-    Background,
-    give_back_memory,
-    keep_arrays_apart,
-    seldom_collected,
-    set_aside,
-)
+from featherfx.files.process import Background, give_back_memory, keep_arrays_apart
 from featherfx.jit.code_cache import EXPECTED_WORKS
 from featherfx.jit.compiled import request_expected
 from featherfx.phases import phase
@@ -27,8 +20,6 @@ from featherfx.shot.loop.simulate import Checkpoint, Simulation, simulate
 from featherfx.usd.write.cache_writer import CachePlace, CacheWriter, Continuation
 from featherfx.usd.write.layers import format_table
 
-# feathers from which on it pays to freeze them for Python's collector
-_MIN_FROZEN = 500
 # feathers from which on memory is given back as it is freed, which costs some hundredths of a bake
 _MIN_KEPT_APART = 10_000
 
@@ -76,7 +67,7 @@ def _run_loop(
         wanted = numbers_to_simulate(task, every, sink.writer, start)
         if task.taken is not None:
             again = {"again": count_again(task, wanted)}
-    with phase("building"), seldom_collected():
+    with phase("building"):
         simulation = simulate(whole, options.jobs, task.frames, options.subframes, start, wanted)
     if task.dependences is not None and task.dependences.shot is whole:
         task.dependences.options = simulation.resolved
@@ -84,8 +75,7 @@ def _run_loop(
     # unless it goes on from an earlier bake, the writer is built while feathers settle
     sink.begin()
     sink.compare()
-    with set_aside() if len(whole.groom.feathers) >= _MIN_FROZEN else nullcontext():
-        writing = _write_frames(sink, task, simulation, done, notify)
+    writing = _write_frames(sink, task, simulation, done, notify)
     sink.tell()
     beside = {
         "writing_beside": writing.seconds,

@@ -9,7 +9,7 @@ between the two poses.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import repeat
@@ -21,7 +21,7 @@ import numpy as np
 from featherfx.algebra.interpolation import Knots
 from featherfx.algebra.types import Array
 from featherfx.errors import require_type
-from featherfx.feather.types import Feather, RowPoints, turned
+from featherfx.feather.types import Feather, RowPoints, both, turned
 from featherfx.groom.keys.problems import nearest
 from featherfx.mechanics.model import Gaps
 
@@ -154,14 +154,13 @@ class FeatherPose(NamedTuple):
     clumped: tuple[float, int] = (0.0, 1)
 
     @staticmethod
-    def each(moving: Iterable[RowPoints]) -> Iterator[FeatherPose]:
-        """Those of points and both rates (F, ...) of many feathers, as quickly as Python can."""
-        rest = repeat(None), repeat((0.0, 1))
-        return map(
-            tuple.__new__,
-            repeat(FeatherPose),
-            zip(*(part.each() for part in moving), *rest, strict=False),
-        )
+    def each(moving: Sequence[RowPoints]) -> Iterator[FeatherPose]:
+        """Those of points and both rates (F, ...) of many feathers, as quickly as Python can; rates
+        that are left out are nan."""
+        none = repeat(both(lambda x: np.full(x.shape[1:], np.nan), moving[0]))
+        parts = [*(part.each() for part in moving), none, none][:3]
+        values = zip(*parts, repeat(None), repeat((0.0, 1)), strict=False)
+        return map(tuple.__new__, repeat(FeatherPose), values)
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import gc
 
 import pytest
 
-from featherfx.files.process import seldom_collected, set_aside
+from featherfx.files.process import seldom_collected
 
 
 @pytest.fixture
@@ -39,33 +39,3 @@ def test_what_is_off_stays_off(usual):
     with seldom_collected():
         assert gc.get_threshold()[0] == 0
     assert gc.get_threshold() == (0, 10, 10)
-
-
-@pytest.fixture
-def nothing_aside():
-    """The tests have set aside what they import."""
-    gc.unfreeze()
-    yield
-    gc.freeze()
-
-
-def test_what_is_there_is_set_aside_until_it_is_left(nothing_aside):
-    def broken():
-        with set_aside():
-            assert gc.get_freeze_count() > 1000
-            raise ValueError("broken")
-
-    with pytest.raises(ValueError, match="broken"):
-        broken()
-    assert gc.get_freeze_count() == 0
-
-
-def test_what_somebody_has_set_aside_stays_so():
-    gc.freeze()
-    known = gc.get_freeze_count()
-    later = [[] for _ in range(known)]
-    with set_aside():
-        # what is set aside may go, but nothing joins it
-        assert 0 < gc.get_freeze_count() <= known
-    assert 0.5 * known < gc.get_freeze_count() <= known
-    del later

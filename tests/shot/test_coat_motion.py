@@ -21,7 +21,7 @@ from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import RACHIS_PART, RowPoints, both, stacked
 from featherfx.groom.types import Groom, Layout
 from featherfx.shot.coat.leaves import CarriedPoints, MovingCoat
-from featherfx.shot.frames import StageClock, place
+from featherfx.shot.frames import FeatherPose, StageClock, place
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.read.read import read_shot
 from featherfx.shot.roots import RootFrames
@@ -126,9 +126,12 @@ def test_rates_that_nobody_asks_for_are_nan_and_change_nothing_else(rates):
     coat.follow = lambda *given: follow(*given, rates=rates)
     without = drawn_at(parts, 0.5)
     assert np.abs(found[1].nodes).max() > 0.0 < np.abs(found[2].nodes).max()
-    for own, other in zip(found[: 1 + rates], without, strict=False):
+    for own, other in zip(found[: 1 + rates], without, strict=True):
         np.testing.assert_array_equal(own.nodes, other.nodes)
-    assert all(np.isnan(each.nodes).all() for each in without[1 + rates :])
+    assert len(without) == 1 + rates
+    poses = [*FeatherPose.each(without)]
+    assert all(np.isnan(part).all() for pose in poses for part in pose.accelerations)
+    assert all(np.isnan(part).all() == (rates == 0) for pose in poses for part in pose.velocities)
 
 
 def test_a_skin_at_rest_leaves_feathers_as_they_are():

@@ -221,11 +221,11 @@ class MovingCoat:
         led: Sequence[RootFrames] | None = None,
         rates: int = 2,
     ) -> list[RowPoints]:
-        """Feathers on their leaves at the end of a span of time (s), and their two rates.
+        """Feathers on their leaves at the end of a span of time (s), and as many rates as asked.
 
         given: points of the bent on their roots, and their two rates; roots: of all as the skin
         carries them rigidly, and their two rates; led: the same as channels have led them, None
-        without any. rates: how many are found; the others are nan.
+        without any. rates: how many are found.
         """
         instant, step = _INSTANT * (span[1] - span[0]), _STEP_RATIO * (span[1] - span[0])
         times = [0.0, -instant, -step, -2.0 * step][: (1, 2, 4)[rates]]
@@ -243,13 +243,12 @@ class MovingCoat:
             turns, motion = self._motion(each)
             carried = CarriedShapes(*self._rest, self.shares, *each.roots)
             drawn.append(self._draw(arrays, self._on_leaves(turns), carried, motion))
-        now, first = drawn[0], both(lambda x: np.broadcast_to(np.nan, x.shape), drawn[0])
-        second = first
+        now, *before = drawn
         if rates > 0:  # in place, as these arrays are the largest of a bake
-            first = both(lambda x, y: np.divide(np.subtract(x, y, y), instant, y), *drawn[:2])
+            both(lambda x, y: np.divide(np.subtract(x, y, y), instant, y), now, before[0])
         if rates > 1:
-            second = both(lambda x, y, z: (x - 2.0 * y + z) / (step * step), now, *drawn[2:])
-        return [now, first, second]
+            before[1:] = [both(lambda x, y, z: (x - 2.0 * y + z) / (step * step), now, *before[1:])]
+        return drawn[:1] + before
 
     def _find_ways(self, carrier: Carrier) -> Array:
         """Return (V, 3) unit, along which a raised coat leaves its carrier."""

@@ -51,6 +51,7 @@ _PARTS = {RACHIS: "rachis", BARB: "barb"}
 _JUMP, _UNEXPLAINED, _STRAIN, _DEPTH, _KINDS = 2, 3, 4, 5, 6  # columns of Worst
 _MAX_NAMED = 10
 _LIMITS = np.array([MAX_JUMP, MAX_ROOT_JUMP_RATIO, MAX_UNEXPLAINED_RATIO])
+_PROBED = 4  # of so many points, prime to those of a row, the velocities of one are compared
 _UNEVEN = 1e-6  # of the time between two samples, by which others of one length may differ
 _ROUNDING = float(np.finfo(np.float32).eps)
 _STILL = 1e-4  # m/s, rms speed of points that differ by little but rounding from frame to frame
@@ -99,13 +100,15 @@ class ThreeSamples(NamedTuple):
 
 class _Sample(NamedTuple):
     """Values of a track: points and velocities (V, 3), where there are any, roots (F, 3) and their
-    axes (F, 3, 3)."""
+    axes (F, 3, 3). probed, probed_rates: of the points whose velocities count."""
 
     code: float
     points: Any
     rates: Any
     roots: Array
     axes: Array
+    probed: Any
+    probed_rates: Any
 
 
 def judge_cache(
@@ -193,11 +196,12 @@ def measure_track(track: Track, per_second: float) -> TrackMeasures:
     window: list[_Sample] = []
     for code in reader.codes or [None]:
         points = reader.read("points", code)
-        rounding = _ROUNDING * float(np.abs(points).max(initial=0.0))
+        rounding = _ROUNDING * float(max(points.max(initial=0.0), -points.min(initial=0.0)))
         judge_kernels.measure_sample(points, held, shape, strands, rounding, code or 0.0, worst)
         if code is not None:
             rates, axes = reader.read("velocities", code), now.axes.copy()
-            window = [*window[-4:], _Sample(code, points, rates, now.nodes[roots], axes)]
+            some = [None if each is None else each[::_PROBED].copy() for each in (points, rates)]
+            window = [*window[-4:], _Sample(code, points, rates, now.nodes[roots], axes, *some)]
             _compare(window, track, sizes, per_second, found)
     return found
 
@@ -239,8 +243,8 @@ def _compare(
             last[1].code,
         )
         judge_kernels.keep_jumps(samples, track.owner, sizes, _LIMITS, found.worst)
-    if len(window) > 4 and all(even) and (middle := window[2].rates) is not None:
-        first, second, third, fourth, fifth = (each.points for each in window)
+    if len(window) > 4 and all(even) and (middle := window[2].probed_rates) is not None:
+        first, second, third, fourth, fifth = (each.probed for each in window)
         points = first, second, third, fourth, fifth
         found.squares += judge_kernels.count_errors(points, middle, steps[-1], found.errors)
         found.rates += len(middle)
