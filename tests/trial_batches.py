@@ -13,10 +13,11 @@ from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.kinds import kind_of
-from featherfx.groom.presets.presets import list_presets, load_preset
+from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.types import FeatherKind
 from featherfx.mechanics.batch import make_model
 from featherfx.mechanics.model import Model, no_hooks
+from featherfx.shot.read.reference import list_presets
 from featherfx.solver.state import State, rest_state
 
 Random = np.random.Generator

@@ -174,7 +174,7 @@ def presets() -> None:
 @json_option("Family, name, file and summary of each; of motions `cites` and `by_eye`, too.")
 def list_known(preset_folders: tuple[Path, ...], as_json: bool) -> None:
     """List all presets by family, with the first comment of each file."""
-    from featherfx.groom.presets.presets import list_presets
+    from featherfx.shot.read.reference import list_presets
 
     found = list_presets(preset_folders)
     if as_json:
@@ -202,7 +202,7 @@ def list_known(preset_folders: tuple[Path, ...], as_json: bool) -> None:
 @json_option("Values and their files; of birds `tracts` with count, length and cites, too.")
 def show_command(name: str, preset_folders: tuple[Path, ...], as_json: bool) -> None:
     """Show the preset NAME merged with all that it extends, and the file of each value."""
-    from featherfx.groom.presets.presets import describe_preset, show
+    from featherfx.shot.read.reference import describe_preset, show
 
     if as_json:
         print_json(describe_preset(name, preset_folders))

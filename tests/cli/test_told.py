@@ -14,7 +14,7 @@ from pxr import Usd, UsdGeom, Vt
 from featherfx.baking import bake as baking
 from featherfx.baking import pipeline
 from featherfx.cli.progress import about
-from featherfx.lab.plumage import write_patch
+from featherfx.lab.program import write_patch
 from featherfx.phases import phase
 
 PULL = SAMPLES / "feather_pull/shot.toml"

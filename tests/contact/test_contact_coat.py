@@ -8,7 +8,7 @@ import pytest
 
 from featherfx.api import read_shot
 from featherfx.errors import InputWarning
-from featherfx.lab.plumage import write_patch
+from featherfx.lab.program import write_patch
 from featherfx.shot.contact import pairs
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.options import SPACE

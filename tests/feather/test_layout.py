@@ -31,7 +31,7 @@ from featherfx.groom.presets.kinds import Change, adjusted, kind_of
 from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.read.read import read_groom
 from featherfx.groom.types import Placement, Turning
-from featherfx.lab.plumage import write_patch
+from featherfx.lab.program import write_patch
 from featherfx.shot.loop.placement import lay_out
 from featherfx.usd.read.cache import Cache
 

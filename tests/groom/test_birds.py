@@ -26,9 +26,9 @@ from featherfx.groom.anatomy.wing import BENT_HEIGHT, wing_type
 from featherfx.groom.keys.anatomy import TRACTS
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.library import Library
-from featherfx.groom.presets.presets import list_presets
 from featherfx.groom.read.read import read_groom as read_groom_file
 from featherfx.shot.motion.flap import PIGEON, beat_of, build_of, size_of
+from featherfx.shot.read.reference import list_presets
 
 BIRD = SAMPLES / "first_bird"
 TEXT = (BIRD / "groom.toml").read_text()

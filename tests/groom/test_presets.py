@@ -12,13 +12,8 @@ from featherfx.errors import InputError
 from featherfx.groom.keys.anatomy import TRACTS
 from featherfx.groom.keys.problems import Problems
 from featherfx.groom.presets.library import Library
-from featherfx.groom.presets.presets import (
-    check_preset,
-    describe_preset,
-    list_presets,
-    load_preset,
-    show,
-)
+from featherfx.groom.presets.presets import check_preset, load_preset
+from featherfx.shot.read.reference import describe_preset, list_presets, show
 from tests import bird_counts
 
 

@@ -13,11 +13,11 @@ import pytest
 from featherfx.algebra.vectors import from_rotation_vector, rotation_vectors
 from featherfx.baking.export import export_groom
 from featherfx.errors import InputError
-from featherfx.groom.presets.presets import list_presets
 from featherfx.groom.read.read import read_groom
 from featherfx.groom.types import Groom
 from featherfx.shot.motion.flap import folding
 from featherfx.shot.motion.joints import joint_roots, skeleton_of, still_poses
+from featherfx.shot.read.reference import list_presets
 from featherfx.usd.check.measures import count_crossings
 
 WING = """

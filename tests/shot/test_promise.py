@@ -12,7 +12,6 @@ from featherfx.baking.pipeline import bake
 from featherfx.errors import InputError
 from featherfx.files.disk_cache import nothing_kept
 from featherfx.groom.keys.preset import Quality
-from featherfx.groom.presets.presets import list_presets
 from featherfx.lab.bench.promise import errors, fixed_quality, random_shot, run
 from featherfx.shot.loop import calibration, grids, window_runs
 from featherfx.shot.loop.grids import stratify
@@ -29,6 +28,7 @@ from featherfx.shot.options import (
 )
 from featherfx.shot.patterns import Detail
 from featherfx.shot.read.read import read_shot
+from featherfx.shot.read.reference import list_presets
 from featherfx.shot.types import part_of
 
 PULL = SAMPLES / "feather_pull/shot.toml"

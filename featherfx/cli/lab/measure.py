@@ -31,7 +31,7 @@ from featherfx.cli.options import (
 from featherfx.cli.program import Command, CommandGroup, plain, print_json
 from featherfx.cli.progress import Progress
 from featherfx.files.folders import shipped
-from featherfx.lab import plumage, program
+from featherfx.lab import program
 from featherfx.lab.bench import contact, experiments, peers
 from featherfx.lab.bench.promise import measure_promises
 from featherfx.lab.bench.report import BenchOptions, ResultTable, machine, page, write, write_files
@@ -169,7 +169,7 @@ def measure_plumage(
     COUNTS: by default 20 to 5,000, and for a swan its own number, 25,000. "Each" is processor
     time of simulating and writing, over feathers and frames.
     """
-    write = plumage.write_swan if swan else plumage.write_patch
+    write = program.write_swan if swan else program.write_patch
     with TemporaryDirectory() as temporary:
         rows = (
             _baked(write, (output or Path(temporary)) / str(count), count, frames, jobs, form)

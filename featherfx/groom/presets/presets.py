@@ -1,26 +1,17 @@
-"""Presets as a user sees them: listed, loaded and shown with the source of each value.
-
-Kinds are made of a preset and changes: equal feathers share one FeatherKind object.
-"""
+"""Presets by name, and kinds made of a preset and changes: equal feathers share one object."""
 
 from __future__ import annotations
 
-import json
-import re
-import tomllib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
 from featherfx.errors import InputError, Problem, all_of, require_type
 from featherfx.groom.document import merge_tables
-from featherfx.groom.keys.places import Preset
 from featherfx.groom.keys.preset import PRESET_FAMILIES, Quality
 from featherfx.groom.keys.problems import Place, Problems, nearest
-from featherfx.groom.keys.values import Either, Table
 from featherfx.groom.materials import Pattern
 from featherfx.groom.presets.kinds import Change, adjusted, blended, kind_of
 from featherfx.groom.presets.library import Library, Sourced, Tree, plain
@@ -121,61 +112,6 @@ class KindStore:
         return self._adjusted[key]
 
 
-# beside presets of birds: feathers by species and tract, which tests/bird_counts.py writes
-COUNTS_FILE = "counts.json"
-_TRACT_KEYS = "length", "relative_density", "cites"
-# of a number that is shown: what was scaled to unit length may be scaled once more
-_DIGITS = 12
-
-
-@dataclass(frozen=True)
-class PresetFile:
-    """A preset that can be named. summary: the first sentence of its file's first
-    comment, without what stands in parentheses. cites: publications that its figures come from.
-    by_eye: whether what none is cited for is set by eye."""
-
-    family: str
-    name: str
-    path: Path
-    summary: str
-    cites: tuple[str, ...] = ()
-    by_eye: bool = False
-
-    def __str__(self) -> str:
-        return f"{self.family}/{self.name}"
-
-
-def list_presets(preset_folders: Iterable[str | Path] = ()) -> tuple[PresetFile, ...]:
-    """All presets that can be named, by family and name, with the files that win."""
-    library = Library(preset_folders, Problems())
-    found = []
-    for family in PRESET_FAMILIES:
-        for name in sorted(library.names(family)):
-            located = library.find(family, name)
-            if located is not None:
-                sources = _sources(located[0]) if family == "motion" else ((), False)
-                found.append(PresetFile(family, name, located[0], _summary(located[0]), *sources))
-    return tuple(found)
-
-
-def _sources(path: Path) -> tuple[tuple[str, ...], bool]:
-    """Publications that a preset's file cites, and whether the rest is set by eye."""
-    try:
-        values = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
-        return (), False
-    return tuple(map(str, values.get("cites", ()))), bool(values.get("by_eye", False))
-
-
-def _summary(path: Path) -> str:
-    try:
-        lines = path.read_text(encoding="utf-8-sig").split("\n")
-    except (OSError, UnicodeDecodeError):
-        return ""
-    comment = " ".join(each.lstrip("# ") for each in takewhile(lambda s: s.startswith("#"), lines))
-    return re.sub(r"\s*\([^()]*\)", "", comment).split(". ", 1)[0].strip().rstrip(".")
-
-
 def _named(name: str, library: Library) -> tuple[str, str]:
     """Family and name of "swan_vane" or "material/vane/swan_vane"; raises InputError."""
     family, _, short = name.rpartition("/")
@@ -216,63 +152,3 @@ def check_preset(family: str, path: Path, library: Library) -> None:
     finished = library.finish(family, library.load_file(family, path), place)
     if family == "feather":
         kind_of(path.stem, finished, place)
-
-
-def show(name: str, preset_folders: Iterable[str | Path] = ()) -> str:
-    """The merged preset as TOML lines, each with its unit and the file that it came from.
-
-    name: "swan_vane" or, with its family, "material/vane/swan_vane". Raises InputError.
-    """
-    family, tree = load_preset(name, preset_folders)
-    kind = tree["kind"].value if "kind" in tree else ""
-    lines = list(_lines(PRESET_FAMILIES[family].finished(kind), tree, ""))
-    width = min(48, max(len(text) for text, _ in lines))
-    shown = [f"{text.ljust(width)}  # {note}" for text, note in lines]
-    return "\n".join([f"# {family} preset {name.rpartition('/')[2]}", *shown])
-
-
-def describe_preset(name: str, preset_folders: Iterable[str | Path] = ()) -> dict[str, Any]:
-    """Return family, name, values, the file of each, and of birds their tracts.
-
-    The count of a tract are the feathers that it grows on the body that was made for the species,
-    its wings folded (COUNTS_FILE); None of presets without such a body. name: as of show. Raises
-    InputError.
-    """
-    family, tree = load_preset(name, preset_folders)
-    short, values = name.rpartition("/")[2], plain(tree)
-    found = {"family": family, "name": short, "values": values, "sources": _sources_of(tree)}
-    if family == "bird":
-        located = Library(preset_folders, Problems()).find(family, short)
-        counts = located[0].with_name(COUNTS_FILE) if located else Path(COUNTS_FILE)
-        known = json.loads(counts.read_text()).get(short, {}) if counts.is_file() else {}
-        found["tracts"] = {
-            part: {"count": known.get(part)} | {key: each[key] for key in _TRACT_KEYS}
-            for part, each in values["tracts"].items()
-            if each
-        }
-    return found
-
-
-def _sources_of(tree: Tree) -> dict[str, Any]:
-    """A tree with the file of each value instead."""
-    return {k: _sources_of(v) if isinstance(v, dict) else v.source for k, v in tree.items()}
-
-
-def _lines(table: Table, tree: Tree, prefix: str) -> Iterator[tuple[str, str]]:
-    from featherfx.groom.read.toml_text import toml_of  # only for lists of presets
-
-    for name, key in table.keys.items():
-        if name not in tree:
-            continue  # of a table that is one of several types
-        value: Any = tree[name]
-        inner = key.type.finished() if isinstance(key.type, Preset) else key.type
-        if isinstance(inner, Either) and isinstance(value, dict):
-            inner = inner.options[dict]
-        if isinstance(value, Sourced) and value.value in (None, {}):
-            continue  # TOML has no word for what is not given
-        if isinstance(value, Sourced):
-            unit = key.type.describe()[1]
-            note = f"{unit}, {value.source}" if unit else value.source
-            yield f"{prefix}{name} = {toml_of(value.value, _DIGITS)}", note
-        elif isinstance(inner, Table):
-            yield from _lines(inner, value, f"{prefix}{name}.")

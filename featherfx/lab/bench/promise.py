@@ -35,7 +35,7 @@ from featherfx.errors import InputError
 from featherfx.feather.build import build_feather
 from featherfx.feather.types import Feather, RowPoints
 from featherfx.groom.keys.preset import Quality
-from featherfx.groom.presets.presets import list_presets, load_preset
+from featherfx.groom.presets.presets import load_preset
 from featherfx.groom.types import FeatherKind
 from featherfx.shot.loop.simulate import simulate
 from featherfx.shot.loop.window_runs import (
@@ -47,6 +47,7 @@ from featherfx.shot.loop.window_runs import (
 )
 from featherfx.shot.options import MAX_COEFFICIENTS, FeatherOptions
 from featherfx.shot.read.read import read_shot
+from featherfx.shot.read.reference import list_presets
 from featherfx.shot.types import Shot, part_of
 
 # of the distribution: errors (percent), fastest wind (m/s); feathers and frames of a free shot

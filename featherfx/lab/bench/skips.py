@@ -30,7 +30,7 @@ from featherfx.errors import InputError, Problem
 from featherfx.groom.keys.preset import Quality
 from featherfx.groom.presets.presets import read_quality
 from featherfx.lab.bench.report import ResultTable, Row
-from featherfx.lab.plumage import write_swan
+from featherfx.lab.program import write_swan
 from featherfx.shot.contact.partition import share_numbers
 from featherfx.shot.frames import Frame
 from featherfx.shot.loop.simulate import Simulation, simulate
