@@ -15,11 +15,14 @@ from pxr import Usd, UsdGeom
 
 import featherfx
 from featherfx.algebra.vectors import vectors_to_frames
+from featherfx.coat.carrier import pose_carrier
 from featherfx.feather.crossings import find_intersections, make_patches
 from featherfx.feather.leaves import lay_out
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import RACHIS_PART, RowPoints, both, stacked
+from featherfx.groom.skin.skin import closest
 from featherfx.groom.types import Groom, Layout
+from featherfx.shot.coat.leaf_kernels import find_folds
 from featherfx.shot.coat.leaves import CarriedPoints, MovingCoat
 from featherfx.shot.frames import FeatherPose, StageClock, place
 from featherfx.shot.loop.simulate import simulate
@@ -199,6 +202,51 @@ def test_feathers_bridge_a_crease_without_a_jump():
     angle = np.degrees(np.arctan2(z, x))[np.hypot(x, z) > 0.03]
     assert (angle[(angle > -90.0) & (angle < 90.0)] > 65.0).all()
     assert shares[behind].max() == 1.0
+
+
+def find_images(coat, time):
+    """(F, n, 1 + 2 m, 3) m, images of nodes at a time."""
+    carrier = pose_carrier(coat._coat.mesh, coat._skin.at(time))
+    arrays, found = coat._coat.arrays(carrier), []
+    for f in range(len(coat._rest.nodes)):
+        room, folds = coat._make_room(), np.zeros((f + 1, 2))
+        find_folds(arrays, coat._straight, coat._rest.nodes, room, folds, f, f + 1)
+        found.append(room.image[..., :3].copy())
+    return np.array(found)
+
+
+def triangulated(grid):
+    """(T, 3, 3) m, corners of the triangles between the nodes (n, 1 + 2 m, 3) of a vane."""
+    m = (grid.shape[1] - 1) // 2
+    sides = grid[:, [*range(2 * m, m, -1), *range(m + 1)]]
+    a, b, c, d = sides[:-1, :-1], sides[1:, :-1], sides[:-1, 1:], sides[1:, 1:]
+    return np.concatenate(
+        [np.stack(each, axis=2).reshape(-1, 3, 3) for each in ((a, b, c), (b, d, c))]
+    )
+
+
+@pytest.mark.parametrize(("along", "across"), [(0.0, 0.5), (0.4, 0.0)])
+def test_barbs_run_along_a_skin_that_is_squeezed_beneath_them(along, across):
+    """Into a trough that opens along the feathers: inner halves of barbs lie on their images."""
+
+    def trough(points, time):
+        x, y = (1.0 - along * time) * points[:, 0], (1.0 - across * time) * points[:, 1]
+        radius = 0.15 * np.exp(3.0 * points[:, 0])
+        angle, rise = y / radius, time * radius
+        side = time * radius * np.sin(angle) + (1.0 - time) * y
+        return np.stack([x, side, points[:, 2] + rise * (1.0 - np.cos(angle))], axis=1)
+
+    parts = plumage(trough)
+    position = np.array([each.position for each in parts[0]])
+    roots = trough(position, 1.0), np.array([each.rotation for each in parts[0]])
+    inner, away = [1, 2, 5, 6], []
+    for drawn, images in zip(
+        drawn_at(parts, 1.0, roots)[0].nodes, find_images(parts[2], 1.0), strict=True
+    ):
+        nodes, vane = drawn[1:6, inner].reshape(-1, 3), triangulated(images)
+        triangle, weights = closest(nodes, vane)
+        away.append(nodes - np.einsum("nk,nkc->nc", weights, vane[triangle]))
+    assert np.median(np.linalg.norm(away, axis=-1)) < (2e-7 if across else 7e-6)
 
 
 def heights(points: RowPoints, time: float) -> np.ndarray:

@@ -10,8 +10,8 @@ pose of a shot, the nearer they are, in every pose, to where the root alone carr
 changed with the pose would let it jump.
 
 Images are stretched as the skin is, so they give directions. The rachis runs along the polyline of
-its images in chords of its own lengths. A barb goes along with its row to where that comes to lie,
-in pieces of its own lengths, at its own angle where its leaf is stretched along the rachis. Turns
+its images in chords of its own lengths. A barb runs likewise along images of barbs where its row
+comes to lie, at its own angle: where skin is squeezed, vanes follow that beneath them. Turns
 within the vane are about the normals of the rows, rolls about their tangents.
 """
 
@@ -37,6 +37,7 @@ from featherfx.coat.leaf_kernels import leaf_point, rounded, unit, without
 from featherfx.jit.compiled import kernel
 
 _NO_LENGTH = 1e-12  # m, of a piece that has no direction
+_NEARER = 1.0 - 1e-9  # of a chord: images at its end but for rounding are not passed
 # share of its length that the image of a piece has at least, where folds are sought
 _SHORTEST = 0.3
 
@@ -297,6 +298,19 @@ def _direction(vector, other):
 
 
 @kernel
+def _chord(start, end, size, other):
+    """Part of the way from one point to another, and on, at which it is `size` (m) from the origin,
+    and the unit vector to there, or another one where that has no length."""
+    along = sub(end, start)
+    # |start + part along| = size
+    a, b, c = dot(along, along), dot(start, along), dot(start, start) - size * size
+    part = 1.0
+    if a > _NO_LENGTH * _NO_LENGTH:
+        part = (sqrt(max(b * b - a * c, 0.0)) - b) / a
+    return part, _direction(combined(1.0, start, part, along), other)
+
+
+@kernel
 def _draw_rachis(steps, room):
     """Rachis along the polyline of its images, in chords of its own lengths (n - 1)."""
     rows, k, way = room.rachis.shape[0], 0, (1.0, 0.0, 0.0)
@@ -304,18 +318,12 @@ def _draw_rachis(steps, room):
     room.row[0], room.part[0] = 0, 0.0
     for i in range(1, rows):
         at, size = room.rachis[i - 1], steps[i - 1]
-        while k < rows - 2 and length(sub(room.image[k + 1, 0], at)) < size:
+        while k < rows - 2 and length(sub(room.image[k + 1, 0], at)) < _NEARER * size:
             k += 1
-        start = room.image[k, 0]
-        along, away = sub(room.image[k + 1, 0], start), sub(start, at)
-        # |away + part along| = size
-        a, b, c = dot(along, along), dot(away, along), dot(away, away) - size * size
-        part = 1.0
-        if a > _NO_LENGTH * _NO_LENGTH:
-            part = (sqrt(max(b * b - a * c, 0.0)) - b) / a
-        way = _direction(combined(1.0, away, part, along), way)
+        start, end = room.image[k, 0], room.image[k + 1, 0]
+        room.part[i], way = _chord(sub(start, at), sub(end, at), size, way)
         store(room.rachis[i], combined(1.0, at, size, way))
-        room.row[i], room.part[i] = k, part
+        room.row[i] = k
 
 
 @kernel
@@ -327,20 +335,46 @@ def _frame(along, up):
 
 
 @kernel
-def _row_frames(room, steps, i):
-    """Frames of a row of the drawn rachis, and of its image, whose first axis is as long as its
-    chords are against their own lengths (n - 1)."""
+def _place_of(room, i, pieces):
+    """Image row before a drawn row, and how far on to the next it is; no farther than rows whose
+    barbs have pieces (2, n, m) of a length."""
+    first, last = 0, pieces.shape[1] - 1
+    while first < last and pieces[0, first, 0] + pieces[1, first, 0] == 0.0:
+        first += 1
+    while first < last and pieces[0, last, 0] + pieces[1, last, 0] == 0.0:
+        last -= 1
+    place = min(max(room.row[i] + min(room.part[i], 1.0), float(first)), float(last))
+    k = min(int(place), last - 1)
+    return k, place - k
+
+
+@kernel
+def _along(room, steps, k):
+    """Way (m) along the images around row k, and its length over that of steps (n - 1) there."""
+    low, high, own, size = max(k - 1, 0), min(k + 1, room.up.shape[0] - 1), 0.0, 0.0
+    for i in range(low, high):
+        own += steps[i]
+        size += length(sub(room.image[i + 1, 0], room.image[i, 0]))
+    return sub(room.image[high, 0], room.image[low, 0]), size / own
+
+
+@kernel
+def _row_frame(room, i):
+    """Frame of a row of the drawn rachis."""
     rows, k, part = room.up.shape[0], room.row[i], min(room.part[i], 1.0)
     low, high = max(i - 1, 0), min(i + 1, rows - 1)
     up = combined(1.0 - part, room.up[k], part, room.up[k + 1])
-    drawn = _frame(sub(room.rachis[high], room.rachis[low]), up)
-    own = room.up[i]
-    along = sub(room.image[high, 0], room.image[low, 0])
-    size = 0.0
-    for k in range(low, high):
-        size += length(sub(room.image[k + 1, 0], room.image[k, 0])) / steps[k]
-    axes = _frame(along, (own[0], own[1], own[2]))
-    return drawn, (scale((high - low) / size, axes[0]), axes[1], axes[2])
+    return _frame(sub(room.rachis[high], room.rachis[low]), up)
+
+
+@kernel
+def _imaged_frame(room, steps, k, part):
+    """Frame of images between rows k and k + 1, whose first axis is as short as they are long."""
+    up = combined(1.0 - part, room.up[k], part, room.up[k + 1])
+    one, two = _along(room, steps, k), _along(room, steps, k + 1)
+    axes = _frame(combined(1.0 - part, one[0], part, two[0]), up)
+    stretch = (1.0 - part) * one[1] + part * two[1]
+    return scale(1.0 / stretch, axes[0]), axes[1], axes[2]
 
 
 @kernel
@@ -390,6 +424,16 @@ def _barb_turn(motion, f, b, i, side, j):
 
 
 @kernel
+def _imaged_barb(room, place, column, imaged, axes, angle):
+    """Way (m) from the rachis to images of a column at a place (row, part), from the frame imaged
+    to that of a row, whose own barb is turned by an angle (rad) from there."""
+    k, part = place
+    own = combined(1.0 - part, room.image[k, column], part, room.image[k + 1, column])
+    foot = combined(1.0 - part, room.image[k, 0], part, room.image[k + 1, 0])
+    return _turned(_from_axes(_seen(sub(own, foot), imaged), axes), axes, angle)
+
+
+@kernel
 def draw_over(carrier, leaves, carried, motion, made, room, low, high):
     """Draw feathers low to high - 1 over a carrier. carried: CarriedShapes. motion: VaneMotion.
     room: ImageRoom. Written: made, nodes (F, n, 1 + 2 m, 3) m and directors (F, n, 2, 3)."""
@@ -404,24 +448,30 @@ def draw_over(carrier, leaves, carried, motion, made, room, low, high):
         first = room.rachis[0]
         at = first[0], first[1], first[2]
         for i in range(rows):
-            axes, imaged = _row_frames(room, leaves.steps[f], i)
-            axes, turn = _rolled(axes, roll), room.turns[i, 0]
+            axes, turn = _rolled(_row_frame(room, i), roll), room.turns[i, 0]
             store(nodes[f, i, 0], at)
             for k in range(2):
                 own = _from_axes(leaves.directors[f, i, k], axes)
                 store(directors[f, i, k], _turned(own, axes, turn))
+            k, part = _place_of(room, i, leaves.pieces[f])
+            imaged = _imaged_frame(room, leaves.steps[f], k, part)
             for side in range(2):
-                end, before, way = at, 0, axes[1]
+                angles, last = motion.rest.angles[f, side], side * m + m
+                angle = angles[i, 0] - (1.0 - part) * angles[k, 0] - part * angles[k + 1, 0]
+                end, way, place, column = at, axes[1], (0.0, 0.0, 0.0), 1 + side * m
+                before = place
+                ahead = _imaged_barb(room, (k, part), column, imaged, axes, angle)
                 for j in range(m):
-                    column = 1 + side * m + j
-                    own = sub(room.image[i, column], room.image[i, before])
-                    way = _direction(_from_axes(_seen(own, imaged), axes), way)
-                    piece = way
+                    size = leaves.pieces[f, side, i, j]
+                    while column < last and length(sub(ahead, place)) < _NEARER * size:
+                        before, column = ahead, column + 1
+                        ahead = _imaged_barb(room, (k, part), column, imaged, axes, angle)
+                    _, way = _chord(sub(before, place), sub(ahead, place), size, way)
+                    place, piece = combined(1.0, place, size, way), way
                     if b >= 0:
                         piece = _turned(way, axes, turn + _barb_turn(motion, f, b, i, side, j))
-                    end = combined(1.0, end, leaves.pieces[f, side, i, j], piece)
-                    store(nodes[f, i, column], end)
-                    before = column
+                    end = combined(1.0, end, size, piece)
+                    store(nodes[f, i, 1 + side * m + j], end)
             if i + 1 < rows:
                 way = sub(room.rachis[i + 1], room.rachis[i])
                 at = add(at, _turned(way, axes, room.turns[i, 1]))
