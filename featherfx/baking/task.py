@@ -227,8 +227,11 @@ def in_space(options: Options, groom: Groom, skin: BoundSkin | None) -> Options:
     unit, axis = 1.0, "Z"
     if skin is not None and skin.parts:
         unit, axis = skin.parts[0].surface.space
-    elif groom.source.suffix.lower() in SCENE_SUFFIXES:
-        unit, axis = usd.stage.read_stage_space(usd.values.open_stage(groom.source))
+    else:
+        stage = None if groom.skin_keys is None else groom.skin_keys["usd"]
+        file = groom.source if stage is None else usd.values.locate_file(groom.source.parent, stage)
+        if file.suffix.lower() in SCENE_SUFFIXES:
+            unit, axis = usd.stage.read_stage_space(usd.values.open_stage(file))
     return replace(
         options,
         meters_per_unit=unit if options.meters_per_unit is None else options.meters_per_unit,

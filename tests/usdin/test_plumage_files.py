@@ -91,6 +91,26 @@ def test_instances_are_as_loose_as_the_plain_feathers(tmp_path):
     assert 0.0 < np.mean(loose[0]) < 0.9
 
 
+def test_a_groom_has_the_axes_and_units_of_its_skin(groom):
+    """So that it stands on the skin where both are loaded."""
+    skin = Usd.Stage.Open(str(groom.with_name("skin.usda")))
+    UsdGeom.SetStageUpAxis(skin, UsdGeom.Tokens.y)
+    UsdGeom.SetStageMetersPerUnit(skin, 0.01)
+    points = UsdGeom.Mesh(skin.GetPrimAtPath("/skin")).GetPointsAttr()
+    x, y, z = 100.0 * np.array(points.Get(), dtype=np.float32).T
+    points.Set(np.transpose([x, z, -y]))
+    skin.Save()
+    output = groom.with_name("feathers.usdc")
+    export_groom(groom, output, quality="draft")
+    stage = Usd.Stage.Open(str(output))
+    assert UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.y
+    roots = np.array(
+        UsdGeom.PointInstancer(stage.GetPrimAtPath("/feathers/plumage")).GetPositionsAttr().Get()
+    )
+    away = np.linalg.norm(roots[:, None] - np.array(points.Get())[None], axis=-1).min(axis=1)
+    assert away.max() < np.abs(points.Get()).max() / 5
+
+
 def test_instances_are_few_prims_and_keep_their_numbers(groom):
     output = groom.with_name("small.usdc")
     export_groom(groom, output, quality="draft")
