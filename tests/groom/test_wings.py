@@ -26,6 +26,8 @@ id = "right_wing"
 type = "pigeon"
 shoulder = [0.03, -0.03, 0.03]
 """
+SHOULDER = np.array([0.03, -0.03, 0.03])
+PLACES = [-0.01, -0.05, 0.03], [0.03, -0.09, 0.03], [0.0, -0.14, 0.03]
 LANDMARKS = """
 elbow = [-0.01, -0.05, 0.03]
 wrist = [0.03, -0.09, 0.03]
@@ -327,3 +329,21 @@ def test_feathers_of_the_upper_arm_take_a_share_of_what_the_forearm_leaves_the_p
     assert (np.diff(shares) < 0.0).all()
     # from half beside the elbow to half of that in the middle of the upper arm
     assert shares[[0, -1]] == pytest.approx([0.48, 0.225], abs=1e-6)
+
+
+def test_feathers_fit_the_bones_between_landmarks(tmp_path):
+    """Landmarks twice as far apart carry feathers of twice the length, unless a scale is given."""
+    usual, far = (
+        WING
+        + "".join(
+            f"{name} = {(SHOULDER + size * (np.array(place) - SHOULDER)).tolist()}\n"
+            for name, place in zip(("elbow", "wrist", "tip"), PLACES, strict=True)
+        )
+        for size in (1.0, 2.0)
+    )
+    lengths = [
+        np.mean([f.kind.length for f in flight(groom_of(tmp_path, text))])
+        for text in (usual, far, far + "scale = 1\n", usual + "scale = 1\n")
+    ]
+    assert lengths[1] == pytest.approx(2.0 * lengths[0])
+    assert lengths[2] == pytest.approx(lengths[3])

@@ -141,6 +141,24 @@ def test_the_axes_of_the_stage_leave_out_the_transforms_of_the_prim(tmp_path):
     assert [f.mirrored for f in groom.feathers] == [True, False]
 
 
+def test_limbs_stand_as_the_body_in_every_space(tmp_path):
+    """Y up and looking along z: a spread wing and a tail point backwards, their upper sides up."""
+    turned_skin(tmp_path)
+    limbs = (
+        "[[wing]]\nid = 'left_wing'\ntype = 'pigeon'\nside = 'left'\nfold = 0\n"
+        "shoulder = [3, 0, 0]\n"
+        "[[tail]]\nid = 'tail'\nposition = [0, 0, -10]\nkind = 'tail_feather'\ncount = 6\n"
+        "lengths = [0.1]\nroot_width = 0.02\n"
+    )
+    skin = "name = 'bird'\n[skin]\nusd = 'skin.usda'\nprim = '/skin'\n"
+    groom = grown(tmp_path, "[space]\nof = 'stage'\nleft = 'x'\n", limbs, skin=skin)
+    assert groom.forward == pytest.approx((0.0, -1.0, 0.0))  # in the groom's frame, z up
+    for part in ("secondaries", "tail"):
+        frames = np.array([f.rotation for f in groom.feathers if f.region == part])
+        assert (frames[:, :, 0] @ groom.forward < -0.7).all()
+        assert (frames[:, 2, 2] > 0.7).all()
+
+
 def test_the_space_of_the_body_goes_with_its_size(tmp_path):
     """The cap of a ball, found on balls of any size."""
     for size in (1.0, 28.0):

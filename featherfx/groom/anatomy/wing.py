@@ -93,6 +93,7 @@ def wing(
     entry: checked keys. axes: (3, 3) of the body, x forward, y to its left, z up.
     """
     kind = wing_type(entry["type"], place.child("type"), library)
+    entry = entry | {"scale": entry["scale"] or _scale_of_bones(entry, kind)}
     bones = _bones(entry, place, kind, axes)
     found = _Wing(entry, place, kind, bones, store, entry["scale"])
     remiges, skin = remiges_of(kind, bones, entry["scale"]), entry.get("on")
@@ -186,6 +187,15 @@ def wing_type(given: Any, place: Place, library: Library) -> WingType:
     values["coverts"] = tuple(CovertRow(**each) for each in values["coverts"])
     values["bands"] = tuple(WingBand(**each) for each in values["bands"])
     return WingType(**values)
+
+
+def _scale_of_bones(entry: dict[str, Any], kind: WingType) -> float:
+    """Lengths of bones between all of a wing's landmarks over the type's; 1 without them."""
+    ends = [entry[name] for name in ("shoulder", "elbow", "wrist", "tip")]
+    if any(end is None for end in ends):
+        return 1.0
+    own = np.linalg.norm(np.diff(np.array(ends), axis=0), axis=1).sum()
+    return max(float(own), 1e-9) / (kind.humerus + kind.forearm + kind.hand)
 
 
 def _bones(entry: dict[str, Any], place: Place, kind: WingType, axes: Array) -> WingBones:

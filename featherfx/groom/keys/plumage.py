@@ -226,6 +226,9 @@ _SKELETON = Key(
     "",
 )
 
+_UPWARDS = "; default: upwards, whatever the space."
+_BACKWARDS = "; default: backwards, as its space has it."
+
 WING_KEYS = {
     "id": Key(Text(), "Start of the ids of its feathers and joints."),
     "type": Key(PRESET_FAMILIES["wing"], "Wing preset, or a table that starts from one."),
@@ -239,9 +242,13 @@ WING_KEYS = {
         "default: the wing is as its landmarks have it.",
         None,
     ),
-    "forward": Key(Direction(), "Where the body looks.", (1.0, 0.0, 0.0)),
-    "up": Key(Direction(), "The body's upper side.", (0.0, 0.0, 1.0)),
-    "scale": Key(SIZE_FACTOR, "Factor of all lengths of the type.", 1.0),
+    "forward": Key(Direction(), "Where the body looks; default: ahead, as its space has it.", None),
+    "up": Key(Direction(), f"The body's upper side{_UPWARDS}", None),
+    "scale": Key(
+        SIZE_FACTOR,
+        "Factor of all lengths of the type; default: by the bones between its landmarks, else 1.",
+        None,
+    ),
     "joint": Key(LABEL_TEXT, "Joint that carries the shoulder; empty: the groom itself.", ""),
     "side": Key(Text(("left", "right")), "Side of the bird.", "right"),
     "below": Key(Flag(), "Coverts below the wing, too; one that stays folded does without.", True),
@@ -255,8 +262,8 @@ _FAN_ANGLES = ArrayOf(Number(-360, 360, "deg"), 2, 2)
 TAIL_KEYS = {
     "id": Key(Text(), "Start of the ids of its feathers and joints."),
     "position": Key(POINT, "Middle of the roots."),
-    "direction": Key(Direction(), "Where the tail points.", (-1.0, 0.0, 0.0)),
-    "up": Key(Direction(), "Its upper side.", (0.0, 0.0, 1.0)),
+    "direction": Key(Direction(), f"Where the tail points{_BACKWARDS}", None),
+    "up": Key(Direction(), f"Its upper side{_UPWARDS}", None),
     "kind": Key(Text(), "Feather preset.", "tail_feather"),
     "count": Key(Number(2, MAX_ROW_FEATHERS, whole=True), "Feathers of both sides.", 12),
     "lengths": Key(_FAN_LENGTHS, "Lengths from the central to the outermost, spread evenly."),
@@ -281,8 +288,8 @@ TAIL_KEYS = {
 CREST_KEYS = {
     "id": Key(Text(), "Start of the ids of its feathers and joints."),
     "path": Key(ArrayOf(POINT, 2, 1000), "Polyline of the roots, from front to back."),
-    "direction": Key(Direction(), "Where flat feathers point.", (-1.0, 0.0, 0.0)),
-    "up": Key(Direction(), "Upper side of the head.", (0.0, 0.0, 1.0)),
+    "direction": Key(Direction(), f"Where flat feathers point{_BACKWARDS}", None),
+    "up": Key(Direction(), f"Upper side of the head{_UPWARDS}", None),
     "kind": Key(Text(), "Feather preset.", "body_contour"),
     "count": Key(Number(1, MAX_ROW_FEATHERS, whole=True), "Number of feathers."),
     "lengths": Key(_FAN_LENGTHS, "Lengths from front to back, spread evenly."),

@@ -185,7 +185,18 @@ def in_groom(parts: dict[str, Any], place: Place, read: SkinsReader | None) -> S
     placing = _Placing(space or _GROOM_SPACE, skins if space else None)
     for name, key in GROOM_FILE.keys.items():
         parts[name] = placing.value(key.type, parts[name], place.child(name))
+    _face(parts, placing.space)
     return placing.space
+
+
+def _face(parts: dict[str, Any], space: Space) -> None:
+    """Turn wings, tails and crests as the body stands, where they do not say how."""
+    ahead = space.forward if space.forward.any() else np.array([1.0, 0.0, 0.0])
+    ahead = ahead / np.linalg.norm(ahead)
+    usual = {"forward": tuple(ahead), "up": (0.0, 0.0, 1.0), "direction": tuple(-ahead)}
+    for name in ("wing", "tail", "crest"):
+        for _, entry in parts[name]:
+            entry |= {key: usual[key] for key in usual if entry.get(key, ahead) is None}
 
 
 @dataclass(frozen=True)
