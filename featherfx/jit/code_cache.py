@@ -41,14 +41,11 @@ from featherfx.files.folders import (
 )
 from featherfx.jit.kernel_calls import KernelLink, ReturnType, StoredKernel
 
-# types of arguments, system, machine and processor
-Key = tuple[str, str, str, str]
-
+Key = tuple[str, ...]  # types of arguments, system, machine and processor
 # works that are about to be done, by names in arguments.json and seconds.json
 EXPECTED_WORKS: list[str] = []
 ROOT = Path(__file__).resolve().parents[1]
-# machine code that came with the program
-SHIPPED = ROOT / "_machine_code"
+SHIPPED = ROOT / "_machine_code"  # that came with the program
 # files that decide how kernels are compiled and stored
 _COMPILER = [
     ROOT / f"{name}.py"
@@ -66,11 +63,9 @@ _FEATURE_NAMES = {"bmi1": "bmi", "abm": "lzcnt", "sse4_2": "sse4.2", "asimd": "n
 # x86-64-v3: Haswell, Zen and later (x86-64 psABI, table 3.1)
 _V3 = ("avx", "avx2", "bmi", "bmi2", "cx16", "f16c", "fma", "lzcnt", "movbe", "popcnt", "sse4.2")
 # by machine: LLVM's name of the processor that code is shipped for, and features that it must have
-_TARGETS = {
-    "x86_64": ("x86-64-v3", _V3),
-    "AMD64": ("x86-64-v3", _V3),
-    "aarch64": ("generic", ("neon",)),
-    "arm64": ("generic", ("neon",)),
+_TARGETS: dict[str, tuple[str, tuple[str, ...]]] = {
+    **dict.fromkeys(("x86_64", "AMD64"), ("x86-64-v3", _V3)),
+    **dict.fromkeys(("aarch64", "arm64"), ("generic", ("neon",))),
 }
 
 
@@ -165,10 +160,7 @@ def explain_unsaved() -> str:
     return f"no permission to write to {code_folder()}: every run compiles what it lacks"
 
 
-@cache
-def warn_once(message: str) -> None:
-    """Warn of what concerns every kernel."""
-    warn_input(message, 3)
+warn_once = cache(warn_input)  # of what concerns every kernel
 
 
 def is_stored(kernel: str) -> bool:
@@ -277,8 +269,7 @@ class CannotBeLoadedError(Exception):
 # of the file format: Elf64_Shdr and Elf64_Sym
 _Section = namedtuple("_Section", "name kind flags address offset size link info align width")
 _Symbol = namedtuple("_Symbol", "name info other section value size")
-# memory of loaded code, for as long as the process lives
-_memories: list[Any] = []
+_memories: list[Any] = []  # of loaded code, for as long as the process lives
 
 
 def can_load() -> bool:

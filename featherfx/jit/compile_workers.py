@@ -5,11 +5,8 @@ is loaded. So the pool hands a shared kernel that is not stored to a worker, whi
 waits compiles what no worker has begun. All goes on without workers where they cannot be started
 or die. Workers are processes because numba compiles one kernel at a time in a process.
 
-Compiling as a phase of the work that needs the code, with kernels and seconds to come.
-
-seconds.json holds the seconds of the kernels of a layout, a bake, one with contact and a bird, as
-`featherfx lab measure compiling --write` measures them.
-Seconds of another machine become those of this one by what was compiled so far.
+Compiling is a phase of the work that needs the code. Its parts are the seconds of kernels in
+seconds.json, which `featherfx lab measure compiling --write` measures.
 """
 
 from __future__ import annotations
@@ -37,10 +34,7 @@ from featherfx.phases import Account, accounts
 
 COMPILING = "compiling"
 SECONDS = Path(__file__).with_name("seconds.json")
-# s of a kernel that is not in seconds.json
-_UNKNOWN_SECONDS = 1.0
-# s that count as having taken as long as expected: the first kernel loads the compiler
-_TRUSTED_SECONDS = 3.0
+_UNKNOWN_SECONDS = 1.0  # of a kernel that is not in seconds.json
 
 
 @cache
@@ -60,20 +54,13 @@ def _find_missing(works: Iterable[str]) -> dict[str, float]:
     return {name: seconds for name, seconds in kernels.items() if not is_stored(name)}
 
 
-def _find_works(name: str) -> list[str]:
-    """The smallest work that needs a kernel; none where it is not known."""
-    table = measured_seconds()
-    return sorted((work for work in table if name in table[work]), key=lambda w: len(table[w]))[:1]
-
-
 class CompileProgress:
-    """Reports to all open accounts which kernels are compiled, one after another."""
+    """Reports to all open accounts how much of what is expected to be compiled is done."""
 
     def __init__(self) -> None:
         self._lock = threading.RLock()
         self._phases: list[tuple[Account, Any]] = []
         self._depth, self._since, self._spent = 0, 0.0, 0.0
-        self._cpu_since, self._cpu_spent = 0.0, 0.0
         # expected seconds of what is to be and what has been compiled
         self._to_come: dict[str, float] = {}
         self._done: dict[str, float] = {}
@@ -84,31 +71,30 @@ class CompileProgress:
         with self._lock:
             self._depth += 1
             if self._depth == 1:
-                self._since, self._cpu_since = time.perf_counter(), time.process_time()
-                self.expect(name, *_find_missing(EXPECTED_WORKS or _find_works(name)))
-                done, left = len(self._done), self._predict()
-                total = done + len(self._to_come)
+                self._since = time.process_time()
+                known = measured_seconds()
+                own = sorted((w for w in known if name in known[w]), key=lambda w: len(known[w]))
+                self.expect(name, *_find_missing(EXPECTED_WORKS or own[:1]))
+                done, left = sum(self._done.values()), sum(self._to_come.values())
                 self._phases = [
-                    (each, each.open(COMPILING, total, done, left=left)) for each in accounts()
+                    (each, each.open(COMPILING, done + left, done, left=left))
+                    for each in accounts()
                 ]
         try:
             yield
         finally:
             with self._lock:
                 self._depth -= 1
-                now = time.perf_counter()
-                self._spent, self._since = self._spent + now - self._since, now
                 self.note_compiled(name)
                 if self._depth == 0:
-                    self._cpu_spent += time.process_time() - self._cpu_since
+                    self._spent += time.process_time() - self._since
                     for account, own in self._phases:
                         account.close(own, complete=not self._to_come)
 
     def cpu_seconds(self) -> float:
         """CPU seconds of this process while it compiled."""
         with self._lock:
-            current = time.process_time() - self._cpu_since if self._depth else 0.0
-            return self._cpu_spent + current
+            return self._spent + (time.process_time() - self._since if self._depth else 0.0)
 
     def note_compiled(self, name: str) -> None:
         """Report a kernel as compiled."""
@@ -116,7 +102,7 @@ class CompileProgress:
             if name in self._to_come:
                 self._done[name] = self._to_come.pop(name)
                 for account, own in self._phases if self._depth else ():
-                    account.advance(own, len(self._done), self._predict())
+                    account.advance(own, sum(self._done.values()))
 
     def expect(self, *names: str) -> None:
         """Add kernels that are to be compiled."""
@@ -125,12 +111,6 @@ class CompileProgress:
             for each in names:
                 if each not in self._done:
                     self._to_come.setdefault(each, known.get(each, _UNKNOWN_SECONDS))
-
-    def _predict(self) -> float:
-        """Seconds that kernels will take on this machine."""
-        expected = sum(self._done.values())
-        rate = (self._spent + _TRUSTED_SECONDS) / (expected + _TRUSTED_SECONDS)
-        return sum(self._to_come.values()) * rate
 
 
 PROGRESS = CompileProgress()
@@ -144,10 +124,8 @@ def working_time() -> float:
 # more would mostly wait for the largest kernel
 MAX_COMPILERS = 4
 VARIABLE = "FEATHERFX_COMPILERS"
-# s that a worker without work lives on
-_IDLE_SECONDS = 5.0
-# s between two looks for work while a thread waits for a worker
-_POLL_SECONDS = 0.02
+# s that a worker without work lives on, and between two looks for work of a thread that waits
+_IDLE_SECONDS, _POLL_SECONDS = 5.0, 0.02
 SERVE = (
     "import sys; sys.path[:] = sys.argv[1:]; from featherfx.jit import compile_workers, compiler;"
 )

@@ -82,7 +82,7 @@ class KernelEntry:
     def request(self, text: str, later: bool = False) -> None:
         """Let a worker compile it for types of arguments, told by a text, unless that is stored.
 
-        later: after what is waited for. Of a text with tuples that are no more, nothing is asked.
+        later: after what is waited for. A text with tuples that are no more asks for nothing.
         """
         if not self.is_there(text):
             from featherfx.jit.compile_workers import KernelRequest, compile_pool
@@ -172,8 +172,7 @@ def kernel_entry(name: str) -> KernelEntry:
 def request_expected(*works: str, package: str = "", later: bool = False) -> None:
     """Let workers compile the kernels of a package that some works will call, unless stored.
 
-    works: names in arguments.json, which `featherfx lab measure calls` writes. later:
-    after what is waited for.
+    works: names in arguments.json (`featherfx lab measure calls`). later: as of request.
     """
     table = json.loads(ARGUMENTS.read_text(encoding="utf-8"))
     for work in works:
