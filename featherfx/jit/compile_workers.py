@@ -77,7 +77,7 @@ class CompileProgress:
                 self.expect(name, *_find_missing(EXPECTED_WORKS or own[:1]))
                 done, left = sum(self._done.values()), sum(self._to_come.values())
                 self._phases = [
-                    (each, each.open(COMPILING, done + left, done, left=left))
+                    (each, each.open(COMPILING, round(done + left), round(done), left=left))
                     for each in accounts()
                 ]
         try:
@@ -102,7 +102,7 @@ class CompileProgress:
             if name in self._to_come:
                 self._done[name] = self._to_come.pop(name)
                 for account, own in self._phases if self._depth else ():
-                    account.advance(own, sum(self._done.values()))
+                    account.advance(own, round(sum(self._done.values())))
 
     def expect(self, *names: str) -> None:
         """Add kernels that are to be compiled."""

@@ -112,14 +112,6 @@ def test_the_commands_print_what_programs_read():
     assert set(found) == {"strain", "stress", "stress_at_zero", "loss"}
 
 
-def test_a_picture_shows_the_path_of_a_tear(tmp_path):
-    pytest.importorskip("matplotlib")
-    file = tmp_path / "tear.png"
-    size = ["--rows", "6", "--columns", "2"]
-    invoke("lab", "tear", "--direction", "across", *size, "-o", str(file))
-    assert file.read_bytes().startswith(b"\x89PNG")
-
-
 def test_a_strip_without_gaps_cannot_be_torn_or_slip():
     for run, test in ((tear, TearTest("across")), (cycle, CycleTest())):
         with pytest.raises(InputError, match=r"preset: 'peacock_barb' is a ribbon"):

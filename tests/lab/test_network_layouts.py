@@ -1,7 +1,6 @@
 """Lattices and random networks: geometry, moduli, and the solution of their equations."""
 
 import json
-import sys
 
 import numpy as np
 import pytest
@@ -148,22 +147,6 @@ def test_every_method_and_preconditioner_finds_the_direct_solution(lattice):
             if choice == "P_AS":
                 # P^-1 H - 1 is nilpotent of order two
                 assert found.iterations <= 2
-
-
-def test_cholmod_finds_the_direct_solution_where_it_is_installed():
-    pytest.importorskip("cvxopt", reason="no cvxopt (pip install cvxopt)")
-    system = sheared_system(NetworkPlan(size=8).layout(periodic=False))
-    found, direct = solve(system, "cholmod"), solve(system, "direct")
-    assert found.residual < 1e-12
-    np.testing.assert_allclose(
-        found.displacements, direct.displacements, atol=1e-11 * np.abs(direct.displacements).max()
-    )
-
-
-def test_a_missing_cholmod_is_told(monkeypatch):
-    monkeypatch.setitem(sys.modules, "cvxopt", None)
-    with pytest.raises(InputError, match=r"needs cvxopt\. Run pip install cvxopt"):
-        precondition(PreconditionTest(NetworkPlan(size=6), "cholmod"))
 
 
 @pytest.mark.parametrize(

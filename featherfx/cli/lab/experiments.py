@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -50,8 +50,6 @@ from featherfx.lab.ribbons.rod import (
     release,
 )
 from featherfx.lab.strip import PlateTest, StripTest, run_plate, run_strip
-from featherfx.lab.studies.study import Figure
-from featherfx.lab.vane import pictures
 from featherfx.lab.vane.calibrate import (
     CalibrateTest,
     calibrate,
@@ -82,17 +80,6 @@ class _NewFile(click.Path):
 
 _FILE = _NewFile(path_type=Path, dir_okay=False)
 _PRESETS = presets_option(click.Command("")).params[0]
-_PICTURE = click.Option(
-    ["-o", "--output"], type=_FILE, help="Picture (PNG); needs matplotlib, the extra `plots`."
-)
-
-
-def _drawn(figures: Iterable[Figure]) -> Iterator[Path]:
-    """Files of the figures, or word that there are none."""
-    files = [figure.file for figure in figures]
-    if not files:
-        click.echo("featherfx: no picture, matplotlib is not installed", err=True)
-    yield from files
 
 
 def _feather(test: FeatherTest, preset_folders: tuple[Path, ...]) -> Iterator[Any]:
@@ -164,37 +151,11 @@ def _precondition(test: PreconditionTest) -> Iterator[Any]:
     yield {name: found[name] for name in found if name != "displacements"}
 
 
-def _tear(test: TearTest, output: Path | None) -> Iterator[Any]:
-    torn = tear(test)
-    yield torn
-    if output is not None:
-        yield from _drawn(pictures.tear_picture(output, torn))
-
-
-def _traction(test: Traction, output: Path | None) -> Iterator[Any]:
-    found = run_traction(test)
-    yield found
-    if output is not None:
-        yield from _drawn(pictures.traction_picture(output, found))
-
-
-def _locking(test: LockingTest, output: Path | None) -> Iterator[Any]:
-    found = run_locking(test.ratio, test.elements)
-    yield found
-    if output is not None:
-        yield from _drawn(pictures.locking_picture(output, found))
-
-
-def _mesoscale(test: BandTest, size_effect: bool, output: Path | None) -> Iterator[Any]:
-    if not size_effect:
-        if output is not None:
-            raise click.UsageError("-o belongs to --size-effect")
+def _mesoscale(test: BandTest, size_effect: bool) -> Iterator[Any]:
+    if size_effect:
+        yield run_size_effect(fraction=test.bands.bands().barb_fraction)
+    else:
         yield run_bands(test)
-        return
-    found = run_size_effect(fraction=test.bands.bands().barb_fraction)
-    yield found
-    if output is not None:
-        yield from _drawn(pictures.size_picture(output, found))
 
 
 def _calibrate(
@@ -217,15 +178,11 @@ def _calibrate(
         yield save_preset(save, name, found, thickness)
 
 
-def _angles(test: AnglesTest, side_by_side: Path | None, output: Path | None) -> Iterator[Any]:
+def _angles(test: AnglesTest) -> Iterator[Any]:
     bands = test.bands.bands()
     slopes = angle_slopes(bands, test.angle)
     found = shear_bands(bands, slopes.fitted.moduli, test.aspect)
     yield {**slopes.as_json(), "shear_bands": found}
-    if side_by_side is not None:
-        yield from _drawn(pictures.band_picture(side_by_side, found))
-    if output is not None:
-        yield from _drawn(pictures.angles_picture(output, slopes, bands.barbule))
 
 
 _FEATHER_IN_AIR = (
@@ -255,11 +212,6 @@ _CALIBRATION = (
         type=click.Choice(list(LAWS)),
         help="Fit a law of soft tissue to columns strain, stress and strain_across instead.",
     ),
-)
-_BAND_PICTURE = click.Option(
-    ["--pictures", "side_by_side"],
-    type=_FILE,
-    help="Picture of the shear bands, both models side by side.",
 )
 
 EXPERIMENTS = {
@@ -353,28 +305,26 @@ EXPERIMENTS = {
     ),
     "traction": Experiment(
         Traction,
-        _traction,
+        lambda test: [run_traction(test)],
         "--angle 45 --width 0.013 --height 0.018",
         "--angle 30 --width 0.013 --height 0.018 --model inextensible --json",
-        more=(_PICTURE,),
     ),
     "locking": Experiment(
-        LockingTest, _locking, "-o locking.png", "--ratio 1e4 --json", more=(_PICTURE,)
+        LockingTest, lambda test: [run_locking(test.ratio, test.elements)], "--ratio 1e4 --json"
     ),
     "mesoscale": Experiment(
         BandTest,
         _mesoscale,
         "--barb-fraction 0.14",
         "--angle 45 --strain 0.1 --json",
-        "--size-effect -o size.png",
-        more=(_SIZE_EFFECT, _PICTURE),
+        "--size-effect",
+        more=(_SIZE_EFFECT,),
     ),
     "tear": Experiment(
         TearTest,
-        _tear,
-        "--direction across -o tear.png",
+        lambda test: [tear(test)],
+        "--direction across",
         "--direction tilted --rows 41 --json",
-        more=(_PICTURE,),
     ),
     "cycle": Experiment(
         CycleTest, lambda test: [cycle(test)], "--direction across --strains 0.1,0.2,0.3 --json"
@@ -393,9 +343,7 @@ EXPERIMENTS = {
         "skin.csv --law sacks",
         more=_CALIBRATION,
     ),
-    "angles": Experiment(
-        AnglesTest, _angles, "-o angles.png --pictures bands.png", more=(_BAND_PICTURE, _PICTURE)
-    ),
+    "angles": Experiment(AnglesTest, _angles, "--json"),
 }
 COMMANDS: dict[str, click.Command] = {
     **{name: command_from(name, each) for name, each in EXPERIMENTS.items()},

@@ -36,7 +36,7 @@ from scipy import linalg, sparse
 from scipy.sparse.linalg import LinearOperator, SuperLU, cg, gmres, minres, splu
 
 from featherfx.algebra.types import Array, Flags, Indices
-from featherfx.errors import InputError, Problem, require
+from featherfx.errors import Problem, require
 
 # springs to the ground that make the matrix of a network with mechanisms regular, as a share of its
 # diagonal; their effect is taken out by corrections, until these no longer halve the residual; a
@@ -264,11 +264,10 @@ def joined(
     )
 
 
-Method = Literal["pcg", "minres", "gmres", "direct", "cholmod"]
+Method = Literal["pcg", "minres", "gmres", "direct"]
 Preconditioner = Literal["NONE", "P_J", "P_Db", "P_Ab", "P_S", "P_AS"]
 METHODS: tuple[Method, ...] = get_args(Method)
 PRECONDITIONERS: tuple[Preconditioner, ...] = get_args(Preconditioner)
-DIRECT = ("direct", "cholmod")
 SYMMETRIC = ("NONE", "P_J", "P_Db", "P_S")
 
 # S has no zeros: beyond this number of unknowns of a direction it does not fit into memory
@@ -281,8 +280,7 @@ _RESTART = 100
 class KrylovSolution:
     """iterations: of the method, 0 for the direct solution. seconds: processor time with that of
     the preconditioner, preparing: its share of it. unknowns: of the system. residual: |b - H u|
-    over |b|. entries: numbers kept for the preconditioner or the factors, 0 where CHOLMOD does not
-    tell. displacements: (n,) m, in
+    over |b|. entries: numbers kept for the preconditioner or the factors. displacements: (n,) m, in
     the order of the system. early: iterations of GMRES until the residual that the preconditioner
     was applied to is small, by which others count; those of the method elsewhere."""
 
@@ -307,8 +305,7 @@ def solve(
     """Solution of a network's equations, from zero until the residual is tolerance |b|.
 
     most: iterations. directions: of space; the direction of an unknown is its place modulo them.
-    Raises InputError where method and preconditioner do not go together, S would be too large, or
-    CHOLMOD is not there.
+    Raises InputError where method and preconditioner do not go together, or S would be too large.
     """
     _check(len(system.right), method, preconditioner)
     order = np.argsort(system.free % directions, kind="stable")
@@ -319,10 +316,6 @@ def solve(
         factor = factor_of(matrix)
         prepared = time.process_time()
         found, iterations, entries = factor.solve(right), 0, factor.nnz
-    elif method == "cholmod":
-        cholesky = _cholmod(matrix)
-        prepared = time.process_time()
-        found, iterations, entries = cholesky(right), 0, 0
     else:
         apply, entries = _prepared(matrix, preconditioner, starts)
         prepared = time.process_time()
@@ -338,37 +331,12 @@ def solve(
     return KrylovSolution(iterations, *spent, len(right), residual, int(entries), moved, early)
 
 
-def _cholmod(matrix: sparse.csr_array) -> Callable[[Array], Array]:
-    """Return a solver with a symmetric positive definite matrix, by the wheel of cvxopt."""
-    try:
-        from cvxopt import cholmod, spmatrix
-        from cvxopt import matrix as vector
-    except ImportError as error:
-        told = "cholmod, which needs cvxopt. Run pip install cvxopt"
-        raise InputError(Problem("network", "method", told)) from error
-    lower = sparse.tril(matrix).tocoo()
-    places = (vector(each.astype(np.int64)) for each in (lower.row, lower.col))
-    given = spmatrix(vector(lower.data), *places, matrix.shape)
-    factor = cholmod.symbolic(given)
-    try:
-        cholmod.numeric(given, factor)
-    except ArithmeticError as error:
-        raise ValueError("a factor of it is singular") from error
-
-    def solved(right: Array) -> Array:
-        found = vector(right)
-        cholmod.solve(factor, found)
-        return np.array(found).ravel()
-
-    return solved
-
-
 def _check(unknowns: int, method: Method, preconditioner: Preconditioner) -> None:
     problems = []
     if method in ("pcg", "minres") and preconditioner not in SYMMETRIC:
         text = f"{preconditioner} is not allowed with {method}. Give {', '.join(SYMMETRIC)}"
         problems.append(Problem("network", "preconditioner", text))
-    if method not in DIRECT and preconditioner in ("P_S", "P_AS") and unknowns > 2 * _MAX_DENSE:
+    if method != "direct" and preconditioner in ("P_S", "P_AS") and unknowns > 2 * _MAX_DENSE:
         text = f"{preconditioner} takes up to {2 * _MAX_DENSE} unknowns, not {unknowns}"
         problems.append(Problem("network", "preconditioner", text))
     require(*problems)

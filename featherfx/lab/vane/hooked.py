@@ -281,8 +281,7 @@ class Torn:
     """path: of the pull, at rest first. strength: Pa, largest stress, also between its points, of a
     sample that has parted.
     opened_length: m, of all splits. spent_length: m, as of HookedSample. split_angle: degrees, of
-    the longest to the barbs. work: J, of the clamp. nodes: (n, m + 1, 3) m, and hooked:
-    (n-1, m, 2), part of the strength that is left, at the end."""
+    the longest to the barbs. work: J, of the clamp."""
 
     path: Sequence[CyclePoint]
     strength: float | None
@@ -290,8 +289,6 @@ class Torn:
     spent_length: float
     split_angle: float
     work: float
-    nodes: Array
-    hooked: Array
 
     def as_json(self) -> dict[str, Any]:
         """Plain values by key, SI units."""
@@ -347,8 +344,6 @@ def tear(test: TearTest) -> Torn:
         spent_length=sample.spent_length,
         split_angle=_split_angle(sample),
         work=work,
-        nodes=sample.state.points.nodes[0, :, : size.columns + 1],
-        hooked=sample.state.gaps.hooked[0, 0],
     )
 
 

@@ -11,50 +11,10 @@ import numpy as np
 
 from featherfx.algebra.types import Array
 from featherfx.lab.studies.study import Figure, draw
-from featherfx.lab.vane.hooked import Torn
 from featherfx.lab.vane.mesoscale import AngleSlopes, ShearBand, SizeEffect
-from featherfx.lab.vane.traction import Locking, Meshing, PulledSample, TractionResult
+from featherfx.lab.vane.traction import Locking, Meshing, PulledSample
 
 _MARKS: tuple[tuple[Meshing, str], ...] = (("aligned", "o-"), ("unaligned", "s--"))
-
-
-def traction_picture(file: Path, result: TractionResult) -> tuple[Figure, ...]:
-    """Stress against strain."""
-
-    def paint(canvas: Any) -> None:
-        axes = canvas.subplots()
-        if result.stress is not None and result.slope is not None:
-            axes.plot(result.strain, result.stress, "o-", label="test")
-            axes.plot(result.strain, result.slope * result.strain, "--", label="slope")
-            axes.legend()
-        axes.set(xlabel="Green-Lagrange strain", ylabel="second Piola-Kirchhoff stress, Pa")
-        axes.set_title(result.note or result.regime, fontsize=8, wrap=True)
-
-    return draw(file, "Stress against strain of a traction test.", paint)
-
-
-def tear_picture(file: Path, torn: Torn) -> tuple[Figure, ...]:
-    """Stress against the pull, and the sample at its end."""
-
-    def paint(canvas: Any) -> None:
-        left, right = canvas.subplots(1, 2)
-        left.plot([p.pull for p in torn.path], [1e-3 * p.stress for p in torn.path])
-        left.set(xlabel="pull over the height", ylabel="stress, kPa")
-        across, along = 1e3 * torn.nodes[..., 0], 1e3 * torn.nodes[..., 1]
-        node = np.arange(along.size).reshape(along.shape)
-        near, far, above, beyond = node[:-1, :-1], node[:-1, 1:], node[1:, :-1], node[1:, 1:]
-        first, second = (np.stack(c, axis=-1) for c in ((near, far, above), (above, beyond, far)))
-        cells, holds = np.stack([first, second], axis=2), torn.hooked > 0.0
-        if holds.any():
-            right.tripcolor(
-                along.ravel(), across.ravel(), cells[holds],
-                facecolors=torn.hooked[holds], cmap="viridis", vmin=0.0, vmax=1.0,
-            )  # fmt: skip
-        right.plot(along.T, across.T, "k-", linewidth=0.5)
-        right.set(xlabel="along the barbs, mm", ylabel="across the barbs, mm", aspect="equal")
-
-    caption = "A torn sample: its barbs, and what lies between them where hooks are left."
-    return draw(file, caption, paint, (9.0, 4.5))
 
 
 def locking_picture(file: Path, study: Locking) -> tuple[Figure, ...]:
