@@ -393,7 +393,7 @@ def _warn_of_units(placements: Sequence[Placement], joints: Sequence[Joint], pla
     roots = np.array([each.position for each in placements])
     names = [f"'{each.id}'" for each in placements] + [f"joint '{each.name}'" for each in joints]
     places = np.concatenate([roots, *([each.position] for each in joints)])
-    away = np.linalg.norm(places - np.median(roots, axis=0), axis=1)
+    away = np.linalg.norm(places - np.quantile(roots, 0.5, axis=0), axis=1)
     worst, longest = int(np.argmax(away)), max(each.kind.length for each in placements)
     if away[worst] > _MAX_SPREAD * longest:
         warn_input(
