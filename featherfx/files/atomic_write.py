@@ -41,20 +41,14 @@ class WrittenFile:
     temporary: Path
     target: Path
 
-    @contextlib.contextmanager
-    def filling(self) -> Iterator[None]:
-        """Within it the file is written; it is removed where that fails."""
-        try:
-            with _named(self.target):
-                yield
-        except BaseException:
-            self.discard()
-            raise
-
     def flush(self) -> None:
         """Force it to disk; removes it where that fails."""
-        with self.filling():
-            flush(self.temporary)
+        try:
+            with _named(self.target):
+                flush(self.temporary)
+        except OSError:
+            self.discard()
+            raise
 
     def publish(self) -> None:
         """Give it its name; where that fails the target has not changed."""
@@ -72,23 +66,22 @@ class WrittenFile:
                     file.unlink()
 
 
-def begin_beside(path: Path) -> WrittenFile:
-    """Return a file to be written beside its target, without what ended processes left there."""
-    remove_leftovers(path, only_ended=True)
-    return WrittenFile(_beside(path, "tmp"), path)
-
-
 def write_beside(path: Path, store: Store) -> WrittenFile:
     """Have a file stored beside its target.
 
     Raises what store raises, an OSError so that it names the target; then nothing is left.
     """
-    file = begin_beside(path)
-    with file.filling():
-        if not path.parent.is_dir():
-            # USD would make it again
-            raise FileNotFoundError(errno.ENOENT, "its folder is gone")
-        store(file.temporary)
+    remove_leftovers(path, only_ended=True)
+    file = WrittenFile(_beside(path, "tmp"), path)
+    try:
+        with _named(path):
+            if not path.parent.is_dir():
+                # USD would make it again
+                raise FileNotFoundError(errno.ENOENT, "its folder is gone")
+            store(file.temporary)
+    except BaseException:
+        file.discard()
+        raise
     return file
 
 

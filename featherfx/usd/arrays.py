@@ -95,10 +95,10 @@ def vec3f(values: ArrayLike) -> Any:
     return array.value
 
 
-def limit_to_half(values: Floats) -> NDArray[np.float16]:
-    """Return values in half precision, limited to its range."""
+def vec3h(values: Floats) -> Any:
+    """Return (N, 3) values as Vt.Vec3hArray, limited to the range of half precision."""
     most = np.finfo(np.float16).max
-    return np.clip(values, -most, most).astype(np.float16)
+    return Vt.Vec3hArray.FromNumpy(np.clip(values, -most, most).astype(np.float16))
 
 
 def _to(kind: Any, number: Any) -> Callable[[ArrayLike], Any]:

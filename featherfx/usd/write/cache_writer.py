@@ -45,8 +45,8 @@ from featherfx.usd.write.unfinished_cache import Parts, Save, list_unfinished_ba
 if TYPE_CHECKING:
     from featherfx.usd.write.previous_cache import PreviousCache
 
-# A stopped bake begins the chunk anew; large ones get fewer frames, but never less than one. What a
-# chunk costs by itself goes with the feathers, so many small ones get more of it.
+# A chunk is held in memory; large ones get fewer frames, but never less than one. What a chunk
+# costs by itself goes with the feathers, so many small ones get more of it.
 _MIN_CHUNK_BYTES, _BYTES_PER_FEATHER, _MAX_CHUNK_BYTES = 32_000_000, 40_000, 128_000_000
 
 
@@ -170,7 +170,6 @@ class CacheWriter:
         self._prims = AnimatedPrims.of_cache(groups, self._info.root_path, form)
         self._resumable = continuation is not None
         self._parts: Parts | None = None
-        self._chunk: ChunkWriter | None = None
         self._earlier: list[PreviousCache] = []
         if frames is not None:
             inputs = continuation.inputs if continuation else None
@@ -198,8 +197,6 @@ class CacheWriter:
         """Clean up after a failure; finished chunks stay for a resumed bake."""
         with contextlib.suppress(OutputError, OSError):
             self._committing.close()
-        if self._chunk:
-            self._chunk.discard()
         for chunk in self._written:
             chunk.file.discard()
         if self._parts and self._resumable and self._parts.records:
@@ -213,7 +210,6 @@ class CacheWriter:
         Its chunks must have as many samples (`chunk`). Frames then come without these feathers. May
         be called for several caches.
         """
-        assert self._chunk is not None
         self._earlier.append(earlier)
         self._given -= len(feathers)
         self._chunk.take_over(earlier, feathers)
@@ -275,15 +271,14 @@ class CacheWriter:
             raise ValueError(f"frame {frame.number:g} is out of turn. The cache holds {frames}")
         if len(frame.poses) != self._given:
             raise ValueError(f"{len(frame.poses)} feathers given, not {self._given}")
-        assert self._parts is not None
-        assert self._chunk is not None
-        path = self._parts.chunk(self._taken_over + len(self._written))
-        bad = self._chunk.add(float(frame.number), frame, path)
+        bad = self._chunk.add(float(frame.number), frame)
         self._check_finite(bad, frame.time)
         self._next += 1
         if self.ends_chunk(self._next - 1):
             # write the chunk in the background while the next frames come
-            self._written.append(self._chunk.write())
+            assert self._parts is not None
+            index = self._taken_over + len(self._written)
+            self._written.append(self._chunk.write(self._parts.chunk(index)))
             self._committing(self._written[-1], save)
 
     def ends_chunk(self, sample: int) -> bool:
@@ -340,8 +335,9 @@ class CacheWriter:
         if frames is not None and self._next < self._samples:
             message = f"not written: frames {self._code:g} to {frames[1]} never came"
             raise OutputError(Problem(str(self._path), "frames", message))
-        # Samples are on disk; their memory is wanted for what is constant.
-        self._chunk = None
+        if self._parts:
+            # Samples are on disk; their memory is wanted for what is constant.
+            del self._chunk
         for earlier in self._earlier:
             earlier.close()
         with phase("finishing", 2.0) as done:

@@ -1,26 +1,27 @@
 """Chunks of a cache: poses become samples, chunks become files, and finished chunks the cache.
 
-A chunk is a run of frames in a file of its own. Poses are written to it as they come
-(usd/write/crate.py), and then the attributes of every feather, of a layer that is made once.
+A chunk is a run of frames in a file of its own. One layer with the attributes of every feather is
+made once and used for all chunks: its samples are removed after each, which costs far less than
+making the prims anew, and their arrays hold the samples of the next.
+
+Samples are authored at Sdf level, without a composed stage: one call per attribute and frame.
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol
+from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Sdf, Tf
 
 from featherfx.algebra.types import Flags, Floats
-from featherfx.files.atomic_write import Standing, Store, WrittenFile, begin_beside
+from featherfx.files.atomic_write import Standing, Store, WrittenFile
 from featherfx.shot.frames import FeatherPose, Frame
-from featherfx.usd.arrays import limit_to_half
+from featherfx.usd.arrays import vec3h
 from featherfx.usd.types import (
     ACCELERATIONS,
     BARB_DIRECTION,
@@ -31,13 +32,12 @@ from featherfx.usd.types import (
     PER_FACE_PRIMVARS,
     RATES,
 )
-from featherfx.usd.write.crate import CrateFile, CrateLayer
 from featherfx.usd.write.layers import (
     SCOPES,
     CacheLayers,
     StageInfo,
     ValueClips,
-    check_samples,
+    export_beside,
     finish_layers,
     new_layer,
     output_errors,
@@ -132,25 +132,30 @@ class AnimatedPrims:
             if key[1] not in RATES:
                 self.create(layer, index, key).default = pose.values[key].value
 
-    def numbers(self, index: int, key: AttributeKey, pose: WrittenPose) -> NDArray[Any]:
-        """Return the numbers of an attribute of a pose of a group, as they are written."""
-        found = pose.values[key].numbers
-        return limit_to_half(found) if self.paths[index][key].name == HALF_VELOCITIES else found
+    def author_sample(
+        self, layer: Any, index: int, codes: Sequence[float], pose: WrittenPose
+    ) -> None:
+        """Author one pose of a group at time codes, in a layer that has the attributes."""
+        paths, store = self.paths[index], layer.SetTimeSample
+        for key, path in paths.items():
+            array = pose.values[key].value
+            if path.name == HALF_VELOCITIES:
+                array = vec3h(pose.values[key].numbers)
+            for code in codes:
+                store(path, code, array)
 
 
 @dataclass
 class _ChunkPoses:
-    """Poses of the current chunk, of each group of feathers that is sampled, by its number.
+    """Poses of the current chunk, of each group of feathers.
 
-    file, crate: that they are written to. moved: (M,) which feathers have left their first pose.
-    codes: of all poses. values: of each pose, what stands for its attributes in the file.
+    moved: (M,) which of its feathers have left their first pose. first: that pose, None for static
+    groups. codes: of all poses. kept: other poses that the layer refers to.
     """
 
-    file: WrittenFile
-    stream: BinaryIO
-    crate: CrateFile
-    moved: dict[int, Flags]
-    values: dict[int, list[list[int]]]
+    moved: list[Flags]
+    first: list[WrittenPose | None]
+    kept: list[list[WrittenPose]]
     codes: list[float] = field(default_factory=list)
     low: Floats = field(default_factory=lambda: np.full(3, np.inf, np.float32))
     high: Floats = field(default_factory=lambda: np.full(3, -np.inf, np.float32))
@@ -184,11 +189,11 @@ class WrittenSamples(Protocol):
 
 
 class ChunkWriter:
-    """Writer of chunks, pose by pose.
+    """Writer of chunks: collects poses, then writes them.
 
     seconds: between two samples. Within a chunk every group of feathers that is not static has
     samples at every code. A group that repeats its first pose has the same value at all of them,
-    which is stored once.
+    which a crate file stores once.
     """
 
     def __init__(self, info: StageInfo, prims: AnimatedPrims, seconds: float) -> None:
@@ -196,17 +201,21 @@ class ChunkWriter:
         self._sampled = [k for k, group in enumerate(groups) if not group.is_static]
         self._layer = new_layer(info)
         with Sdf.ChangeBlock():
-            for index in self._sampled:
-                for key in prims.paths[index]:
-                    prims.create(self._layer, index, key)
-        self._paths = [path for index in self._sampled for path in prims.paths[index].values()]
-        self._crate = CrateLayer(self._layer, self._paths)
-        # of each group, the first pose of a chunk, and the last one
+            self._attributes = [
+                prims.create(self._layer, index, key)
+                for index in self._sampled
+                for key in prims.paths[index]
+            ]
+        self._spare: list[list[WrittenPose]] = [[] for _ in groups]
         self._first: dict[int, WrittenPose] = {}
-        self._later: dict[int, WrittenPose] = {}
         self._place = {number: number for group in groups for number in group.members}
         self._taken: dict[int, WrittenSamples] = {}
-        self._run: _ChunkPoses | None = None
+        self._run = self._new_run()
+
+    @property
+    def count(self) -> int:
+        """Return the poses collected so far."""
+        return len(self._run.codes)
 
     def take_over(self, earlier: WrittenSamples, feathers: Sequence[int]) -> None:
         """Read the poses of some feathers from an earlier cache; frames come without these."""
@@ -214,32 +223,23 @@ class ChunkWriter:
         left = [number for number in sorted(self._place) if number not in self._taken]
         self._place |= {number: place for place, number in enumerate(left)}
 
-    def add(self, code: float, frame: Frame, path: Path) -> list[int]:
+    def add(self, code: float, frame: Frame) -> list[int]:
         """Add the pose at the next time code; return feathers with values that are not finite.
 
-        path: of the chunk, which is invalid after such feathers. Raises OutputError.
+        The chunk is invalid after such feathers.
         """
-        groups, is_first = self._prims.groups, self._run is None
-        poses = {index: self._room(index, is_first) for index in self._sampled}
+        run, groups = self._run, self._prims.groups
+        poses = {index: self._room(index) for index in self._sampled}
         for index, pose in poses.items():
             self._evaluate(index, pose, code, frame)
         bad = [k for index, pose in poses.items() for k in groups[index].not_finite(pose)]
         if bad:
             return bad
-        with output_errors():
-            run = self._run = self._run or self._begin(path)
-            with run.file.filling():
-                for index, pose in poses.items():
-                    self._write_pose(run, index, pose)
+        with Sdf.ChangeBlock():
+            for index, pose in poses.items():
+                self._author(index, code, pose)
         run.codes.append(code)
         return []
-
-    def _room(self, index: int, is_first: bool) -> WrittenPose:
-        """Return memory for a pose of a group."""
-        known = self._first if is_first else self._later
-        if index not in known:
-            known[index] = self._prims.groups[index].new_pose(compared=is_first)
-        return known[index]
 
     def _evaluate(self, index: int, pose: WrittenPose, code: float, frame: Frame) -> None:
         """Write the values of a frame, or of an earlier cache, to the pose of a group."""
@@ -252,51 +252,24 @@ class ChunkWriter:
             given.append(None if earlier is not None else frame.poses[self._place[number]])
         group.evaluate(pose, given)
 
-    def _begin(self, path: Path) -> _ChunkPoses:
-        """Begin a chunk."""
-        file = begin_beside(path)
-        with file.filling():
-            stream = file.temporary.open("wb")
-            groups = {index: self._prims.groups[index] for index in self._sampled}
-            moved = {k: np.zeros(len(own.members), dtype=np.bool_) for k, own in groups.items()}
-            return _ChunkPoses(
-                file, stream, CrateFile(stream, self._crate), moved, {k: [] for k in groups}
-            )
-
-    def _write_pose(self, run: _ChunkPoses, index: int, pose: WrittenPose) -> None:
-        prims, group, moved = self._prims, self._prims.groups[index], run.moved[index]
-        values = run.values[index]
-        group.hold(pose, self._first[index], moved, self._seconds)
-        group.bound(pose)
-        corners = pose.corners()
-        run.low = np.minimum(run.low, np.min(corners, axis=0)[0])
-        run.high = np.maximum(run.high, np.max(corners, axis=0)[1])
-        if values and not moved.any():
-            values.append(values[0])
-        else:
-            numbers = (prims.numbers(index, key, pose) for key in prims.paths[index])
-            values.append([run.crate.add(each) for each in numbers])
-
-    def write(self) -> WrittenChunk:
-        """Complete the chunk, read it back, and start the next one. Raises OutputError."""
-        run, prims = self._run, self._prims
-        assert run is not None
+    def write(self, path: Path) -> WrittenChunk:
+        """Write the chunk beside its path, read it back, and start the next one."""
+        run, prims, layer = self._run, self._prims, self._layer
         constant, digests = "", []
-        for index, group in enumerate(prims.groups):
-            stays, digest = index not in run.moved or not run.moved[index].any(), ""
-            if stays and index in run.moved:
-                first = self._first[index]
-                stays, digest = group.is_at_rest(first), group.digest(first)
-            constant += "01"[stays]
-            digests.append(digest)
-        samples = [each for k in self._sampled for each in zip(*run.values[k], strict=True)]
-        with output_errors(), run.file.filling():
-            run.crate.finish(run.codes, samples)
-            run.stream.close()
-        check_samples(run.file, self._layer, run.codes, self._last_numbers(run))
-        self._run = None
+        with Sdf.ChangeBlock():
+            for index, first in enumerate(run.first):
+                stays, digest = not run.moved[index].any(), ""
+                if stays and first is not None:
+                    prims.author_sample(layer, index, run.codes, first)
+                    group = prims.groups[index]
+                    stays, digest = group.is_at_rest(first), group.digest(first)
+                constant += "01"[stays]
+                digests.append(digest)
+        layer.startTimeCode, layer.endTimeCode = run.codes[0], run.codes[-1]
+        file = export_beside(layer, path)
+        self._run = self._new_run()
         return WrittenChunk(
-            file=run.file,
+            file=file,
             codes=tuple(run.codes),
             constant=constant,
             first=tuple(digests),
@@ -304,22 +277,45 @@ class ChunkWriter:
             high=tuple(run.high.tolist()),
         )
 
-    def _last_numbers(self, run: _ChunkPoses) -> dict[Any, Callable[[], NDArray[Any]]]:
-        """Return what gives the numbers of the last pose of each attribute, by its path."""
-        prims = self._prims
-        found: dict[Any, Callable[[], NDArray[Any]]] = {}
-        for index in self._sampled:
-            later = len(run.codes) > 1 and run.moved[index].any()
-            pose = (self._later if later else self._first)[index]
-            for key, path in prims.paths[index].items():
-                found[path] = partial(prims.numbers, index, key, pose)
-        return found
+    def _author(self, index: int, code: float, pose: WrittenPose) -> None:
+        run, prims, group = self._run, self._prims, self._prims.groups[index]
+        first, moved = run.first[index], run.moved[index]
+        had_moved = moved.any()
+        if first is None:
+            run.first[index] = first = pose
+        group.hold(pose, first, moved, self._seconds)
+        group.bound(pose)
+        corners = pose.corners()
+        run.low = np.minimum(run.low, np.min(corners, axis=0)[0])
+        run.high = np.maximum(run.high, np.max(corners, axis=0)[1])
+        if not moved.any():
+            if pose is not first:
+                self._spare[index].append(pose)
+            return
+        if not had_moved:
+            prims.author_sample(self._layer, index, run.codes, first)
+        if pose is not first:
+            run.kept[index].append(pose)
+        prims.author_sample(self._layer, index, (code,), pose)
 
-    def discard(self) -> None:
-        """Remove the chunk that is not complete."""
-        if self._run is not None:
-            self._run.stream.close()
-            self._run.file.discard()
+    def _room(self, index: int) -> WrittenPose:
+        group, spare = self._prims.groups[index], self._spare[index]
+        if self._run.first[index] is None:
+            if index not in self._first:
+                self._first[index] = group.new_pose()
+            return self._first[index]
+        return spare.pop() if spare else group.new_pose(compared=False)
+
+    def _new_run(self) -> _ChunkPoses:
+        with Sdf.ChangeBlock():
+            for attribute in self._attributes:
+                attribute.ClearInfo("timeSamples")
+        if hasattr(self, "_run"):
+            for spare, kept in zip(self._spare, self._run.kept, strict=True):
+                spare += kept
+        groups = self._prims.groups
+        moved = [np.zeros(len(group.members), dtype=np.bool_) for group in groups]
+        return _ChunkPoses(moved, [None] * len(groups), [[] for _ in groups])
 
 
 def assemble_cache(

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
@@ -27,11 +27,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Gf, Kind, Sdf, Tf, Usd, UsdGeom
 
 from featherfx.errors import Problem
-from featherfx.files.atomic_write import Standing, Store, WrittenFile, write_all
+from featherfx.files.atomic_write import Standing, Store, WrittenFile, write_all, write_beside
 from featherfx.usd import arrays
 from featherfx.usd.types import BARB_PRIM, MESH_PRIM, RACHIS_PRIM, OutputError, StageSpace
 from featherfx.usd.write.output import output_files
@@ -218,6 +217,15 @@ def publish(
         write_all(chain(others, exported), before)
 
 
+def export_beside(layer: Any, path: Path) -> WrittenFile:
+    """Export a layer beside its target.
+
+    Raises OutputError if it cannot be written in full; then nothing is left.
+    """
+    with output_errors():
+        return write_beside(path, partial(_export, layer, path))
+
+
 @contextlib.contextmanager
 def output_errors() -> Iterator[None]:
     """Turn errors of the system that name a file into OutputError."""
@@ -237,35 +245,7 @@ def _export(layer: Any, target: Path, temporary: Path) -> None:
         raise _write_error(target, _describe_error(error)) from error
     if not done:
         raise _write_error(target, "USD could not write the file")
-    paths: list[Any] = []
-    if layer.ListAllTimeSamples():
-        layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
-    codes = {each: layer.ListTimeSamplesForPath(each) for each in paths}
-    samples = {
-        each: (own, partial(layer.QueryTimeSample, each, own[-1]))
-        for each, own in codes.items()
-        if own
-    }
-    _refuse_difference(target, _find_difference(temporary, layer, samples))
-
-
-def check_samples(
-    file: WrittenFile,
-    layer: Any,
-    codes: Sequence[float],
-    last: Mapping[Any, Callable[[], NDArray[Any]]],
-) -> None:
-    """Raise OutputError where USD reads a file otherwise than it was written.
-
-    layer: without samples. codes: of all samples. last: what gives the last value, by attribute.
-    """
-    samples = {path: (list(codes), get) for path, get in last.items()}
-    with output_errors(), file.filling():
-        difference = _find_difference(file.temporary, layer, samples)
-        _refuse_difference(file.target, difference)
-
-
-def _refuse_difference(target: Path, difference: str) -> None:
+    difference = _find_difference(layer, temporary)
     if difference:
         reason = f"the file read back differs from what was written: {difference}"
         raise _write_error(target, reason)
@@ -286,14 +266,11 @@ def _describe_error(error: Tf.ErrorException) -> str:
     return "; ".join(said) or "unknown USD error"
 
 
-def _find_difference(
-    path: Path, layer: Any, samples: Mapping[Any, tuple[list[float], Callable[[], Any]]]
-) -> str:
-    """Return the first difference of a file on disk to a layer in memory; empty if none.
+def _find_difference(layer: Any, path: Path) -> str:
+    """Return the first difference of a file on disk to the layer in memory; empty if none.
 
-    samples: of each attribute that has them, the time codes, and what gives the last value.
-    Compared are all time codes of the file, and codes and the last value of up to 2 *
-    _COMPARED_ATTRIBUTES attributes, evenly chosen.
+    Compared are all time codes of the layer, and codes and the last value of up to 2 *
+    _COMPARED_ATTRIBUTES attributes, evenly chosen among those with samples.
     """
     try:
         written = Sdf.Layer.OpenAsAnonymous(str(path))
@@ -301,12 +278,16 @@ def _find_difference(
         return _describe_error(error)
     if written is None or written.defaultPrim != layer.defaultPrim:
         return "it cannot be opened"
-    if written.ListAllTimeSamples() != sorted({c for codes, _ in samples.values() for c in codes}):
+    times = layer.ListAllTimeSamples()
+    if written.ListAllTimeSamples() != times:
         return "it has other time codes"
-    for each in [*samples][:: max(1, len(samples) // _COMPARED_ATTRIBUTES)]:
-        codes, last = samples[each]
-        if written.ListTimeSamplesForPath(each) != codes:
-            return str(each)
-        if not np.array_equal(written.QueryTimeSample(each, codes[-1]), last()):
+    paths: list[Any] = []
+    if times:
+        layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
+    sampled = [each for each in paths if layer.ListTimeSamplesForPath(each)]
+    for each in sampled[:: max(1, len(sampled) // _COMPARED_ATTRIBUTES)]:
+        codes = layer.ListTimeSamplesForPath(each)
+        values = (source.QueryTimeSample(each, codes[-1]) for source in (written, layer))
+        if written.ListTimeSamplesForPath(each) != codes or next(values) != next(values):
             return str(each)
     return ""
