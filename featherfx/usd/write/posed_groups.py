@@ -10,6 +10,7 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from threading import local
 from typing import Any
 
 import numpy as np
@@ -47,6 +48,7 @@ from featherfx.usd.write.poses import (
 
 # feathers whose poses are computed at once; more would only need more memory for what passes
 _MAX_JOINED = 500
+_local = local()
 _ROUNDING = float(np.finfo(np.float32).eps)
 
 
@@ -58,9 +60,7 @@ class JoinedFeathers:
 
     def __init__(self, feathers: Sequence[PosedFeather]) -> None:
         parts = [feathers[k : k + _MAX_JOINED] for k in range(0, len(feathers), _MAX_JOINED)]
-        most = max(sum(len(each.drawn.row) for each in part) for part in parts)
-        scratch = np.zeros((2, most, 3))
-        self._blocks = [_JoinedBlock(part, scratch) for part in parts]
+        self._blocks = [_JoinedBlock(part) for part in parts]
 
     @staticmethod
     def of(feathers: Sequence[PosedFeather]) -> JoinedFeathers | None:
@@ -89,12 +89,9 @@ class JoinedFeathers:
 
 
 class _JoinedBlock:
-    """Feathers that are posed as one surface. grids: of each. counts: elements of each attribute.
+    """Feathers posed as one surface. grids: of each. counts: elements of each attribute."""
 
-    scratch: (2, V, 3), which others overwrite.
-    """
-
-    def __init__(self, feathers: Sequence[PosedFeather], scratch: Array) -> None:
+    def __init__(self, feathers: Sequence[PosedFeather]) -> None:
         surfaces = [each.drawn for each in feathers]
         self.grids = [each.grid for each in feathers]
         self._feathers = feathers
@@ -113,8 +110,7 @@ class _JoinedBlock:
             if thinned
             else None
         )
-        count = int(starts[-1])
-        none = read_only(np.zeros((0, 2)))
+        self._count, none = int(starts[-1]), read_only(np.zeros((0, 2)))
         self._drawn = DrawnSurface(
             row=read_only(_offset_indices([each.row for each in surfaces], rows)),
             node=read_only(np.concatenate([each.node for each in surfaces])),
@@ -122,8 +118,8 @@ class _JoinedBlock:
             triangles=read_only(_offset_indices([each.triangles for each in surfaces], starts)),
             edges=_offset_indices([each.edges for each in surfaces], starts).astype(np.int32),
             lips=none,
-            world=scratch[0, :count],
-            sums=scratch[1, :count],
+            world=none,
+            sums=none,
             parted=np.zeros(0, dtype=np.bool_),
             carried=np.zeros((0, 3)),
         )
@@ -145,7 +141,9 @@ class _JoinedBlock:
             (RACHIS_PRIM, "points"),
         )
         written = WrittenSurface(*(values[key] for key in names))
-        finite = surface_kernels.pose_surface(points, self._drawn, self._stage, written)
+        room = _scratch(self._count)
+        drawn = self._drawn._replace(world=room[0], sums=room[1])
+        finite = surface_kernels.pose_surface(points, drawn, self._stage, written)
         if self._form.condensed:
             numbers = [values[RACHIS_PRIM, name] for name in (*BARB_NODE_PRIMVARS, ORIENT_PRIMVAR)]
             finite &= usd.forms.condense(points, self._left_leads, self._stage, numbers)
@@ -155,7 +153,7 @@ class _JoinedBlock:
         for name, each in rates.items():
             mesh, rachis = (values[part, name] for part in (MESH_PRIM, RACHIS_PRIM))
             finite &= surface_kernels.write_values(
-                self._joined(each), self._drawn, self._stage, mesh, rachis
+                self._joined(each), drawn, self._stage, mesh, rachis
             )
         return bool(finite)
 
@@ -167,6 +165,14 @@ class _JoinedBlock:
             return RowPoints(nodes, directors)
         rows, columns = self._kept
         return RowPoints(np.take(nodes[rows], columns, axis=1), directors[rows])
+
+
+def _scratch(count: int) -> Array:
+    """Return (2, count, 3) that others of this thread overwrite."""
+    room = getattr(_local, "room", None)
+    if room is None or room.shape[1] < count:
+        _local.room = room = np.zeros((2, count, 3))
+    return room[:, :count]
 
 
 def _offset_indices(indices: Sequence[NDArray[Any]], starts: Indices) -> Indices:
