@@ -1,10 +1,10 @@
-"""Roots that follow a skeleton or a curve without a skin."""
+"""Roots that follow a skeleton without a skin."""
 
 import creature
 import numpy as np
 import pytest
 from places import COARSE
-from pxr import Gf, UsdGeom, UsdSkel, Vt
+from pxr import Gf, UsdSkel, Vt
 from scipy.spatial.transform import Rotation
 from usdin_scenes import new_stage
 
@@ -176,83 +176,4 @@ def test_skeletons_that_cannot_be_followed_are_told(tmp_path):
         "name = 'x'\n[[feather]]\nid = 'a'\nkind = 'covert'\nposition = [0, 0, 0]\n"
     )
     with pytest.raises(InputError, match="has no joints with bind transforms"):
-        featherfx.read_shot(path)
-
-
-def write_edge(folder, bent, kind="linear", turn=None):
-    """A curve along x that bends into `bent(s)`, its points at lengths s, from code 1 to 2."""
-    stage = new_stage(folder / "edge.usda")
-    curve = UsdGeom.BasisCurves.Define(stage, "/creature/skeleton")
-    curve.CreateTypeAttr(kind)
-    curve.CreateBasisAttr("catmullRom")
-    curve.CreateWrapAttr("pinned" if kind == "cubic" else "nonperiodic")
-    s = np.linspace(0, 1, 33)
-    curve.CreateCurveVertexCountsAttr([len(s)])
-    straight = np.column_stack([s, 0 * s, 0 * s])
-    for code, points in ((1, straight), (2, bent(s))):
-        curve.GetPointsAttr().Set(Vt.Vec3fArray.FromNumpy(points.astype(np.float32)), code)
-    if turn is not None:
-        operation = UsdGeom.Xformable(curve).AddTransformOp()
-        for code in (1, 2):
-            matrix = Gf.Matrix4d().SetRotate(Gf.Rotation(Gf.Vec3d(1, 2, 3), turn * (code - 1)))
-            operation.Set(matrix, code)
-    stage.Save()
-    return stage
-
-
-def on_edge(folder, keys=""):
-    path = write_shot(folder, "edge.usda", [], keys, 21, (1, 2))
-    groom = folder / "groom.toml"
-    groom.write_text(groom.read_text().replace(", joints = []", ""))
-    return path
-
-
-@pytest.mark.parametrize("kind", ["linear", "cubic"])
-def test_a_row_on_a_curve_is_carried_along_it(tmp_path, kind):
-    """Bent into an arc, its base turned too: shafts keep their angle with the curve."""
-    angle, base = np.radians(70.0), np.radians(25.0)
-
-    def arc(s):
-        x = (np.sin(base + angle * s) - np.sin(base)) / angle
-        z = (np.cos(base) - np.cos(base + angle * s)) / angle
-        return np.column_stack([x, 0 * s, z])
-
-    write_edge(tmp_path, arc, kind)
-    skin = featherfx.read_shot(on_edge(tmp_path)).skin
-    found = skin.frames(1 / 24)
-    s = np.linspace(0, 1, 21)
-    np.testing.assert_allclose(found.positions, arc(s), atol=2e-3)
-    turns = found.rotations @ skin.rotations.transpose(0, 2, 1)
-    wanted = Rotation.from_euler("y", -(base + angle * s)[:, None]).as_matrix()
-    apart = np.degrees(Rotation.from_matrix(turns @ wanted.transpose(0, 2, 1)).magnitude())
-    assert apart[1:-1].max() < 0.5
-    assert apart.max() < 2.5
-
-
-def test_a_row_on_a_curve_that_is_turned_as_a_whole_turns_with_it(tmp_path):
-    write_edge(tmp_path, lambda s: np.column_stack([s, 0 * s, 0 * s]), turn=50.0)
-    skin = featherfx.read_shot(on_edge(tmp_path)).skin
-    start, end = skin.frames(0.0), skin.frames(1 / 24)
-    turn = Rotation.from_rotvec(np.radians(50.0) * np.array([1, 2, 3]) / np.sqrt(14)).as_matrix()
-    np.testing.assert_allclose(end.positions, start.positions @ turn.T, atol=1e-6)
-    np.testing.assert_allclose(end.rotations, turn @ start.rotations, atol=1e-6)
-
-
-def test_curves_that_cannot_be_followed_are_told(tmp_path):
-    stage = write_edge(tmp_path, lambda s: np.column_stack([s, s, 0 * s]))
-    path = on_edge(tmp_path)
-    curve = UsdGeom.BasisCurves(stage.GetPrimAtPath("/creature/skeleton"))
-    (tmp_path / "groom.toml").write_text(
-        "name = 'x'\n[[feather]]\nid = 'a'\nkind = 'covert'\nposition = [0, 0, 0]\n"
-    )
-    curve.GetCurveVertexCountsAttr().Set([16, 17])
-    stage.Save()
-    with pytest.raises(InputError, match="holds 2 curves, roots follow one"):
-        featherfx.read_shot(path)
-    curve.GetCurveVertexCountsAttr().Set([33])
-    points = np.array(curve.GetPointsAttr().Get(2))
-    points[4] = points[3]
-    curve.GetPointsAttr().Set(Vt.Vec3fArray.FromNumpy(points), 2)
-    stage.Save()
-    with pytest.raises(InputError, match="has two points at one place at time code 2"):
         featherfx.read_shot(path)

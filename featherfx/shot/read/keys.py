@@ -93,8 +93,7 @@ _SKIN = {
     "usd": _FILE,
     "prim": Key(
         Text(),
-        "Path of the mesh that the roots follow, where a feather names no other; or of a Skeleton "
-        "or a curve.",
+        "Path of the mesh that the roots follow, where a feather names no other; or of a Skeleton.",
     ),
     "rest": Key(
         Number(-1e9, 1e9),

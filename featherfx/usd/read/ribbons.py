@@ -1,142 +1,42 @@
-"""Ribbons that roots follow where there is no skin: along a skeleton's bones, or a curve.
+"""Ribbons that roots follow where there is no skin: along a skeleton's bones.
 
 Every bone, from a joint to the next and beyond the last one, is a narrow strip of triangles that
 moves with the joint. Where a chain continues, strips share their ends, which move half with the
 joint above and half with the joint there. Roots on it take the mean rotation of about half a bone
 around them, by the same smooth field as on a skin. Roots of a row pass from bone to bone, and roots
 beside the ribbon keep their place against it.
-
-Along a curve the ribbon's side is transported from the first point without rotation about the
-curve. At the first point the rest side is rotated by the least rotation that takes its tangent
-along. A curve does not define its twist; transforms of its prim do, and are followed.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from pxr import Sdf, Usd, UsdGeom, UsdSkel
+from pxr import Sdf, Usd, UsdSkel
 
 from featherfx.algebra.types import Array, Indices
-from featherfx.algebra.vectors import arc_lengths, start_tangent, transported
-from featherfx.groom.keys.problems import Place, Problems
+from featherfx.groom.keys.problems import Place
 from featherfx.groom.skin.skin import is_flat
-from featherfx.usd.read.curves import read_prim_curves
 from featherfx.usd.read.skinning import JointSpaces, SkinPose, animation_attributes
-from featherfx.usd.read.stage import SourceScene, check_transforms, find_prim, list_times, rest_time
+from featherfx.usd.read.stage import SourceScene, check_transforms, find_prim
 from featherfx.usd.read.surface import MeshOptions, Surface, open_mesh
-from featherfx.usd.read.values import describe_time, read_matrix, usd_errors
+from featherfx.usd.read.values import read_matrix, usd_errors
 
 _MIN_HINGE_SINE = 0.05  # sine of the angle from which on two bones have a hinge
-_HALF_WIDTH_RATIO = 0.2  # half of a ribbon's, in lengths of the bone or of a piece of the curve
+_HALF_WIDTH_RATIO = 0.2  # half of a ribbon's, in lengths of the bone
 _PIECES = 4  # of a ribbon along a bone
 _SINGLE_BONE_LENGTH = 0.1  # length of the bone of a skeleton's only joint, in units of the stage
 
 
-class Ribbons(ABC):
-    """Interface of ribbons in the own space of a prim, as Surface uses a skinning.
+class BoneRibbons:
+    """Ribbons along the bones of a skeleton, in its own space, as Surface uses a skinning.
 
-    space: the prim. rest: (V, 3) in the bind pose. triangles: (T, 3), faces: (T,) bones or pieces
-    of a curve and lengths: (T,) of these. skeleton: query of that whose bones they are along.
+    space: the prim. rest: (V, 3) in the bind pose. triangles: (T, 3), faces: (T,) bones, and
+    lengths: (T,) of these. skeleton: query of it.
     """
 
-    space: Any
-    skeleton: Any = None
-    rest: Array
-    triangles: Indices
-    faces: Indices
-    lengths: Array
-
-    @property
-    def bind_matrix(self) -> Array:
-        """Return the identity: ribbons are in the prim's own space."""
-        return np.eye(4)
-
-    def bind_points(self) -> Array:
-        """Return (V, 3) in the bind pose."""
-        return self.rest
-
-    def points(self, code: Any) -> Array:
-        """Return (V, 3) in the prim's space at a time code."""
-        return self.posed(self.pose(code))
-
-    @abstractmethod
-    def pose(self, code: Any) -> SkinPose:
-        """Return the motion of the ribbons at a time code."""
-
-    @abstractmethod
-    def posed(self, pose: SkinPose) -> Array:
-        """Return (V, 3) in the prim's space in a given pose."""
-
-
-class CurveRibbon(Ribbons):
-    """A ribbon along a curve without `curve_fault`; faces are its pieces."""
-
-    def __init__(self, scene: SourceScene, prim: Any) -> None:
-        self.space, self._path = prim, scene.path
-        self._points = UsdGeom.Curves(prim).GetPointsAttr()
-        line = self._line(rest_time(self._points))
-        pieces = np.linalg.norm(np.diff(line, axis=0), axis=1)
-        self._half = _HALF_WIDTH_RATIO * float(pieces.mean())
-        self._tangent = start_tangent(line, arc_lengths(line))
-        across = np.cross(self._tangent, np.eye(3)[np.argmin(np.abs(self._tangent))])
-        self._across = across / np.linalg.norm(across)
-        self.rest = self._ribbon(line)
-        first = 2 * np.arange(len(pieces))[:, None, None]
-        self.triangles = (first + np.array([[0, 1, 3], [0, 3, 2]])).reshape(-1, 3)
-        self.faces = np.repeat(np.arange(len(pieces)), 2)
-        self.lengths = np.repeat(pieces, 2)
-
-    def pose(self, code: Any) -> SkinPose:
-        """Return the motion of the ribbon at a time code: the points of the curve."""
-        return SkinPose(np.eye(4)[None], np.zeros(0), self._line(code))
-
-    def posed(self, pose: SkinPose) -> Array:
-        """Return (V, 3) along a given curve."""
-        return self._ribbon(pose.points)
-
-    def attributes(self) -> list[Any]:
-        """Return the animated attributes of the curve."""
-        return [self._points]
-
-    def _line(self, code: Any) -> Array:
-        place = Place(str(self._path), str(self.space.GetPath()), Problems())
-        return read_prim_curves(self.space, code, place).line(0)
-
-    def _ribbon(self, line: Array) -> Array:
-        stations = arc_lengths(line)
-        # a turn without one about the tangent takes what is square to it along
-        tangent = start_tangent(line, stations)
-        axis, cosine = np.cross(self._tangent, tangent), self._tangent @ tangent
-        start = self._across + np.cross(axis, self._across)
-        start = start + np.cross(axis, np.cross(axis, self._across)) / max(1.0 + cosine, 1e-9)
-        side = self._half * transported(line, stations) @ start
-        return np.stack([line - side, line + side], axis=1).reshape(-1, 3)
-
-
-def curve_fault(scene: SourceScene, prim: Any, place: Place) -> str:
-    """Return why roots cannot follow a curve; empty where they can. Raises InputError."""
-    sizes = set()
-    for code in list_times(UsdGeom.Curves(prim).GetPointsAttr()):
-        curves = read_prim_curves(
-            prim, code, Place(str(scene.path), str(prim.GetPath()), place.problems)
-        )
-        if len(curves) != 1:
-            return f"holds {len(curves)} curves, roots follow one"
-        line = curves.line(0)
-        if (np.diff(line, axis=0) == 0.0).all(axis=1).any():
-            return f"has two points at one place {describe_time(code)}"
-        sizes.add(len(line))
-        if len(sizes) > 1:
-            return f"changes its number of points {describe_time(code)}"
-    return "" if sizes else "has no points"
-
-
-class BoneRibbons(Ribbons):
-    """Ribbons along the bones of a skeleton."""
+    bind_matrix = np.eye(4)
 
     def __init__(self, prim: Any) -> None:
         self.space = prim
@@ -150,6 +50,14 @@ class BoneRibbons(Ribbons):
         parents = [*self.joint_spaces.parents]
         self.rest, self._weights, self.triangles, self.lengths = _make_strips(places, parents)
         self.faces = np.arange(len(self.triangles)) // (2 * _PIECES)
+
+    def bind_points(self) -> Array:
+        """Return (V, 3) in the bind pose."""
+        return self.rest
+
+    def points(self, code: Any) -> Array:
+        """Return (V, 3) in the skeleton's space at a time code."""
+        return self.posed(self.pose(code))
 
     def pose(self, code: Any) -> SkinPose:
         """Return the motion of the ribbons at a time code."""
@@ -280,10 +188,10 @@ def _across(way: Array, onwards: Array, before: Array | None) -> Array:
 
 
 class RibbonMesh(Surface):
-    """Ribbons as a mesh that roots follow. Faces are bones, or pieces of a curve."""
+    """Ribbons as a mesh that roots follow. Faces are bones."""
 
     def __init__(
-        self, scene: SourceScene, prim: Any, ribbons: BoneRibbons | CurveRibbon, rest: float | None
+        self, scene: SourceScene, prim: Any, ribbons: BoneRibbons, rest: float | None
     ) -> None:
         self._begin(scene, prim, ribbons, partial(read_matrix, ribbons.space), rest)
         self._find_times(ribbons.attributes())
@@ -298,22 +206,12 @@ class RibbonMesh(Surface):
 
 
 def open_carrier(scene: SourceScene, path: str, options: MeshOptions, place: Place) -> Surface:
-    """Return a mesh, or the ribbons of a skeleton or a curve, by its path; as open_mesh."""
+    """Return a mesh, or the ribbons of a skeleton, by its path; as open_mesh."""
     prim = scene.stage.GetPrimAtPath(path) if Sdf.Path.IsValidPathString(path) else None
-    for kind, opener in ((UsdSkel.Skeleton, open_bones), (UsdGeom.Curves, open_curve)):
-        if prim and prim.IsA(kind):
-            find_prim(scene, path, place)
-            return opener(scene, prim, options.rest, place)
+    if prim and prim.IsA(UsdSkel.Skeleton):
+        find_prim(scene, path, place)
+        return open_bones(scene, prim, options.rest, place)
     return open_mesh(scene, path, options, place)
-
-
-def open_curve(scene: SourceScene, prim: Any, rest: float | None, place: Place) -> RibbonMesh:
-    """Return a curve as a mesh that moves. Raises InputError."""
-    with usd_errors(prim):
-        if fault := curve_fault(scene, prim, place):
-            place.refuse(f"{prim.GetPath()} in {scene.path} {fault}")
-        check_transforms(scene, prim, place)
-        return RibbonMesh(scene, prim, CurveRibbon(scene, prim), rest)
 
 
 def open_bones(scene: SourceScene, prim: Any, rest: float | None, place: Place) -> RibbonMesh:

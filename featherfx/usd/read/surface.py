@@ -106,7 +106,7 @@ class Surface(ScenePrim):
     the corners, None where there are none, of the primvar uv. scheme: by which a renderer
     subdivides it, or none; subdivision: whether that is asked for. sampled: first and last time
     code with samples of anything that moves it, None where nothing does. bones: (T,) m, length of
-    each triangle's bone or piece of curve, where it is a ribbon along these. idle: the skeleton
+    each triangle's bone, where it is a ribbon along these. idle: the skeleton
     that names it and does not move it, and why, in words. mask: which of its triangles it has,
     None for all. knots: where its poses are those of the scene, with smooth motion between them;
     None: the scene's own motion.
