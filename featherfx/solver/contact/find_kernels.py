@@ -30,6 +30,7 @@ from featherfx.solver.contact.search_kernels import (
     strip_point,
     swing_of,
 )
+from featherfx.solver.contact.types import FOR_GOOD, FOR_NOW
 
 # part of a depth of up to so many thicknesses that a contact keeps in an interval: to close it at
 # once, by a force that is carried on from interval to interval, would make it swing
@@ -291,7 +292,9 @@ def _meets(contact, along, node, search):
     if not kept and gap > margin:
         return False
     start, _ = _along(bodies.start[host], begin, contact)
-    set_gaps(contact, contact.thickness, contact.side * start, search.recovery)
+    # depth waits for a step in which both give way, or forces would grow from step to step
+    recovery = 0.0 if FOR_NOW in (bodies.led[guest], bodies.led[host]) else search.recovery
+    set_gaps(contact, contact.thickness, contact.side * start, recovery)
     store(contact.place_start, host_place(bodies.start[host], contact))
     return True
 
@@ -314,12 +317,12 @@ def _press(contact, known, search):
     softer = min(_of_corners(bodies.impedance[host], contact), bodies.impedance[guest, row, p])
     left = min(_of_corners(bodies.leeway[host], contact), bodies.leeway[guest, row, p])
     contact.stiffness, contact.leeway, contact.before = softer, left / softer, 0.0
-    if bodies.fixed[host] != 0:
+    if bodies.led[host] == FOR_GOOD:
         contact.stiffness = bodies.firm[guest, row, p]
-    elif bodies.fixed[guest] != 0:
+    elif bodies.led[guest] == FOR_GOOD:
         contact.stiffness = _of_corners(bodies.firm[host], contact)
     contact.stiffest = contact.stiffness
-    if bodies.fixed[host] == 0 and bodies.fixed[guest] == 0:
+    if bodies.led[host] == 0 and bodies.led[guest] == 0:
         whole = min(_of_corners(bodies.whole[host], contact), bodies.whole[guest, row, p])
         contact.stiffest = max(whole, softer)
 

@@ -47,6 +47,8 @@ from featherfx.solver.contact.surfaces import (
     surfaces_of,
 )
 from featherfx.solver.contact.types import (
+    FOR_GOOD,
+    FOR_NOW,
     PLAIN_INTERVAL,
     Array,
     ByBody,
@@ -130,7 +132,7 @@ class ContactSolver:
         self._margin = settings.margin / thickest * np.asarray(halves)
         self._touching: tuple[Indices, ByBody] | None = None
         self._free = np.ones(bodies, dtype=np.bool_)
-        self._fixed = np.zeros(bodies, dtype=np.int8)
+        self._led = np.zeros(bodies, dtype=np.int8)
         self._deepest = np.broadcast_to(settings.deepest, bodies)
         self.passed: list[tuple[Indices, Array]] = []
         self.memory = no_memory(self.surfaces)
@@ -185,7 +187,9 @@ class ContactSolver:
             run.alone = run.like_free(self.settings.newton, self.settings.frame)
         if led is not None:
             run.start[~free], run.now[~free] = led.start[~free], led.end[~free]
-        self._fixed = np.zeros(len(free), dtype=np.int8) if led is None else led.fixed.astype("i1")
+        self._led = (FOR_NOW * ~free).astype(np.int8)
+        if led is not None:
+            self._led[led.fixed] = FOR_GOOD
         self._free, memory, rounds = free, self.memory, 0
         stale = free.copy() if resting is None else free & ~resting
         before, forces = ContactSearch(new_touch(1), 0), np.zeros(self.grids.bodies)
@@ -358,7 +362,7 @@ class ContactSolver:
         self._found_in = memory._replace(inside=memory.inside.copy())
         search = SearchSettings(
             self.surfaces,
-            bodies._replace(whole=whole, firm=firm, fixed=self._fixed, leeway=leeway),
+            bodies._replace(whole=whole, firm=firm, led=self._led, leeway=leeway),
             self._found_in,
             margin,
             settings.margin,
@@ -427,7 +431,7 @@ class ContactSolver:
         touching = self._neighbours()
         count, island = islands_of(touching)
         island[~self._free | run.failed() | lost] = -1
-        marks = run.marks(island, stale, self._fixed)
+        marks = run.marks(island, stale, (self._led == FOR_GOOD).astype("i1"))
         islands = islands_before(count, island, limit_threads(self._team.jobs))
         room = 3 * int(np.diff(self._listed.first).max(initial=0))
         sweep = Sweep(

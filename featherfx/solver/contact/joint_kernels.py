@@ -36,6 +36,8 @@ _SPARE = 1.5
 # gap that may stay for a change as large as the mean force of a body, over what rounds may leave;
 # and part of the displacement by a force that it may be short of
 _HELD, _LEAST_HELD = 10.0, 1e-5
+# the same of what is led, over how far the force presses its spring: a few rounds at once
+_LED_HELD = 0.25
 # N, that no force of an island is
 _NO_FORCE = 1e-30
 # iterations at most; gaps that they may leave, over what rounds may leave and over what is off;
@@ -295,7 +297,11 @@ def _begin(island, low, high, sweep):
             row += count
     mean = max(total, _NO_FORCE) / (islands.first[island + 1] - islands.first[island])
     for k in range(low, high):
-        held = _HELD * touch[joint.chosen[k]].leeway / mean + _LEAST_HELD * size[k]
+        contact = touch[joint.chosen[k]]
+        held = _HELD * contact.leeway / mean + _LEAST_HELD * size[k]
+        if sweep.marks.mine[contact.guest] * sweep.marks.mine[contact.host] == 0:
+            # what two that are led pinch may have any force
+            held = max(held, _LED_HELD / contact.stiffness)
         size[k] = 1.0 / sqrt(size[k] + held) if size[k] > 0.0 else 0.0
         joint.lines[_HOLD, k] = held * size[k] * size[k]
         gradient[k] *= size[k]

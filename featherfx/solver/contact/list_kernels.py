@@ -192,21 +192,13 @@ def _row_and_sign(contact, body):
 
 
 @kernel
-def _is_on_fixed(contact, body, fixed):
-    """Return whether what a body touches never gives way: a wall, or a body that is fixed (B,)."""
-    other = contact.host if contact.guest == body else contact.guest
-    return other < 0 or fixed[other] != 0
-
-
-@kernel
-def _is_opposed(contact, body, touch, listed, fixed):
-    """Return whether what is fixed presses a body about where a contact does, from the other
-    side."""
+def _is_opposed(contact, body, touch, listed, mine):
+    """Return whether what is led presses a body about where a contact does, from the other side."""
     row, sign = _row_and_sign(contact, body)
     for at in range(listed.first[body], listed.first[body + 1]):
         other = touch[listed.items[at]]
         there, sense = _row_and_sign(other, body)
-        if abs(there - row) > _BESIDE or other.gap > 0.0 or not _is_on_fixed(other, body, fixed):
+        if abs(there - row) > _BESIDE or other.gap > 0.0 or not is_led(other, body, mine):
             continue
         if sign * sense * dot(contact.normal, other.normal) < _OPPOSED:
             return True
@@ -214,14 +206,14 @@ def _is_opposed(contact, body, touch, listed, fixed):
 
 
 @kernel
-def share_pinch(body, touch, listed, fixed):
-    """Spare a body what it lacks of contacts with what is fixed that pinch it: neither side gives
-    way, so each keeps the depth at which their springs balance."""
+def share_pinch(body, touch, listed, mine):
+    """Spare a body what it lacks of contacts with what is led (is_led) that pinch it: neither side
+    gives way, so each keeps the depth at which their springs balance."""
     for at in range(listed.first[body], listed.first[body + 1]):
         contact = touch[listed.items[at]]
-        if contact.gap >= -contact.leeway or not _is_on_fixed(contact, body, fixed):
+        if contact.gap >= -contact.leeway or not is_led(contact, body, mine):
             continue
-        if _is_opposed(contact, body, touch, listed, fixed):
+        if _is_opposed(contact, body, touch, listed, mine):
             contact.spared -= contact.gap
             contact.gap = 0.0
 

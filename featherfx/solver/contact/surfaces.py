@@ -255,7 +255,7 @@ def _far(shapes: VaneShapes) -> Array:
 
 
 def moving_bodies(start: Array, ahead: Array, impedance: Array) -> MovingBodies:
-    """Bodies (B, n, 1 + 2 m, 3) whose boxes are yet to be fitted, none of them fixed."""
+    """Bodies (B, n, 1 + 2 m, 3) whose boxes are yet to be fitted, none of them led."""
     bodies, rows = start.shape[:2]
     return MovingBodies(
         start=start,
@@ -266,7 +266,7 @@ def moving_bodies(start: Array, ahead: Array, impedance: Array) -> MovingBodies:
         leeway=impedance,
         whole=impedance,
         firm=impedance,
-        fixed=np.zeros(bodies, dtype=np.int8),
+        led=np.zeros(bodies, dtype=np.int8),
         way=np.zeros(bodies),
         swing=np.zeros(bodies),
         slab=np.zeros((bodies, 5)),

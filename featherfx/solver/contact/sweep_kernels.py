@@ -236,7 +236,7 @@ def _look(body, number, sweep):
     if marks.moved[body] != 0:
         marks.moved[body] = 0
         if number >= _PATIENCE:
-            share_pinch(body, sweep.touch, sweep.listed, marks.fixed)
+            share_pinch(body, sweep.touch, sweep.listed, marks.mine)
         found = residual(body, sweep.touch, sweep.listed, marks.way)
         marks.worst[body], marks.open_by[body], marks.depth[body] = found
     again = marks.open_by[body] > 1.0

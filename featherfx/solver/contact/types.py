@@ -30,6 +30,8 @@ RIM_SAMPLES = 4
 # forces that are solved together (JointForces), FIXED where what never gives way presses it, else
 # APART.
 FIXED, APART = -2, -1
+# of bodies that are led (LedMotion): for a span of time, and for good
+FOR_NOW, FOR_GOOD = 1, 2
 CONTACT_DTYPE = np.dtype(
     [(name, "i8") for name in ("pair", "row", "column", "point", "guest", "host", "side", "mirror")]
     + [("corner", "i8", (3, 2)), ("weight", "f8", (3,)), ("normal", "f8", (3,))]
@@ -63,10 +65,9 @@ class MovingBodies(NamedTuple):
     will be about its end. boxes: (B, n, 6) and bounds: (B, 6) m, around both. impedance: (B, n, 1 +
     2 m) N/m, for each contact that presses a body, of led bodies more than of any other; leeway: N,
     of forces that rounds may leave; whole, firm: N/m, for all of it, towards walls and towards
-    bodies that are fixed (B,), obstacles. way: (B,)
-    m, farthest that a node goes; swing: (B,) m, beyond its root. slab: (B, 5), a normal and the
-    lowest and highest along it, m, of all nodes ahead, between which no triangle is turned over;
-    endless where there is none."""
+    obstacles. led: (B,) FOR_NOW, FOR_GOOD or 0. way: (B,) m, farthest that a node goes; swing: (B,)
+    m, beyond its root. slab: (B, 5), a normal and the lowest and highest along it, m, of all nodes
+    ahead, between which no triangle is turned over; endless where there is none."""
 
     start: Array
     ahead: Array
@@ -76,7 +77,7 @@ class MovingBodies(NamedTuple):
     leeway: Array
     whole: Array
     firm: Array
-    fixed: Bytes
+    led: Bytes
     way: Array
     swing: Array
     slab: Array
