@@ -303,6 +303,7 @@ def variant_number(name: str, variants: int) -> int:
 
 
 _STEPS = 64  # of a painted colour, and of shares by ids
+_MINGLED = 0.3  # share of a border in which feathers with and without a film mingle; by eye
 _MIXED = ("base", "film", *PIGMENTS)
 
 
@@ -355,7 +356,7 @@ def _film(shades: Mapping[str, dict[str, Any]], draft: Draft) -> float | None:
         return None
     if all(film for film, _ in films):
         return round(sum(film * part for film, part in films), 10)
-    chosen = variant_number(draft.id, _STEPS) / _STEPS
+    chosen = 0.5 + _MINGLED * (variant_number(draft.id, _STEPS) / _STEPS - 0.5)
     before = np.cumsum([part for _, part in films])
     return float(films[int(np.searchsorted(before[:-1], chosen, side="right"))][0])
 
