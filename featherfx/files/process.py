@@ -67,11 +67,6 @@ def keep_arrays_apart() -> None:
     _set_allocator(_MMAP_THRESHOLD, _LARGE)
 
 
-def share_one_heap() -> None:
-    """Let threads that start from now on share one heap, where that can be asked."""
-    _set_allocator(_ARENA_MAX, 1)
-
-
 def _set_allocator(parameter: int, value: int) -> None:
     if sys.platform == "linux":
         system: Any = ctypes
@@ -84,7 +79,7 @@ def spare_address_space() -> None:
     each thread else reserves 64 MB, or as much again for products of matrices."""
     if process_limit(_LIMIT) < math.inf:
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-        share_one_heap()
+        _set_allocator(_ARENA_MAX, 1)
 
 
 def refuse_small_address_space() -> None:

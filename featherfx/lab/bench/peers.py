@@ -89,17 +89,6 @@ class PeerRun:
     steps: int
 
 
-def require_peers() -> None:
-    """Raises InputError where a peer is missing or too old."""
-    for name, oldest in (("mujoco", _OLDEST_MUJOCO), ("newton", _OLDEST_NEWTON)):
-        wanted = f"needs {name} {oldest[0]}.{oldest[1]} or later: pip install 'featherfx[peers]'"
-        if importlib.util.find_spec(name) is None:
-            raise InputError(Problem("bench", "peers", wanted))
-        found = peer_version(name)
-        if tuple(int(each) for each in found.split(".")[:2]) < oldest:
-            raise InputError(Problem("bench", "peers", f"{wanted}, found {found}"))
-
-
 def peer_version(name: str) -> str:
     """Version of an installed peer."""
     from importlib.metadata import version
@@ -196,7 +185,11 @@ def _newton_sheets(
         for number in range(sheets):
             first = builder.particle_count
             add(builder, _newton_sheet(number * _APART))
-            _hold(builder, first, int(newton.ParticleFlags.ACTIVE))
+            active = int(newton.ParticleFlags.ACTIVE)
+            for each in range(first, builder.particle_count):
+                if builder.particle_q[each][0] < 1.5 * _ALONG:
+                    builder.particle_mass[each] = 0.0
+                    builder.particle_flags[each] = int(builder.particle_flags[each]) & ~active
         if finish is not None:
             finish(builder)
         model = builder.finalize()
@@ -242,14 +235,6 @@ def _newton_sheet(side: float) -> dict[str, Any]:
         "density": STRIP_DENSITY,
         "particle_radius": 0.5 * STRIP_THICKNESS,
     }
-
-
-def _hold(builder: Any, first: int, active: int) -> None:
-    """Hold the nodes of the first two columns of the sheet whose particles begin at first."""
-    for each in range(first, builder.particle_count):
-        if builder.particle_q[each][0] < 1.5 * _ALONG:
-            builder.particle_mass[each] = 0.0
-            builder.particle_flags[each] = int(builder.particle_flags[each]) & ~active
 
 
 def _ends(points: Array, sheets: int) -> Sequence[int]:
@@ -336,7 +321,13 @@ def our_sheets(step: float, sheets: int) -> PeerRun:
 
 def peer_tables(extent: PeerRates) -> Iterator[ResultTable]:
     """All tables. Raises InputError at once where a peer is missing."""
-    require_peers()
+    for name, oldest in (("mujoco", _OLDEST_MUJOCO), ("newton", _OLDEST_NEWTON)):
+        wanted = f"needs {name} {oldest[0]}.{oldest[1]} or later: pip install 'featherfx[peers]'"
+        if importlib.util.find_spec(name) is None:
+            raise InputError(Problem("bench", "peers", wanted))
+        found = peer_version(name)
+        if tuple(int(each) for each in found.split(".")[:2]) < oldest:
+            raise InputError(Problem("bench", "peers", f"{wanted}, found {found}"))
     reference = run_strip(_ISO_REFERENCE, FALL_END).tip
     fine = _ISO_REFERENCE
     note = (

@@ -101,13 +101,6 @@ def shifted(time: float) -> float:
     return _AMPLITUDE * math.sin(2.0 * math.pi * periods) * smooth_step(4.0 * periods)
 
 
-def root_paths(start: float, end: float, count: int) -> RootPath:
-    """Paths of all roots from start to end (s)."""
-    samples = np.zeros((count, _PATH_SAMPLES, 6))
-    samples[:, :, 2] = [shifted(time) for time in np.linspace(start, end, _PATH_SAMPLES)]
-    return RootPath(samples, np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)))
-
-
 @lru_cache(maxsize=64)
 def _model(kind: FeatherKind, rows: int, columns: int, coefficients: int) -> Model:
     feather = build_feather(kind, rows, columns)
@@ -152,7 +145,10 @@ def _run(kind: FeatherKind, shake: Shake, solver: Any, state: Any, unknowns: int
     step = shake.step or 1.0 / _OUTPUT_RATE
     times: Array = np.linspace(0.0, shake.duration, max(1, round(shake.duration / step)) + 1)
     for before, after in pairwise(times):
-        path = root_paths(before, after, shake.count)
+        count = shake.count
+        samples = np.zeros((count, _PATH_SAMPLES, 6))
+        samples[:, :, 2] = [shifted(time) for time in np.linspace(before, after, _PATH_SAMPLES)]
+        path = RootPath(samples, np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)))
         begin = clock()
         state, report = solver.step(state, loads, path, after - before)
         seconds += clock() - begin

@@ -140,12 +140,6 @@ def _blocks(matrices: Array) -> sparse.csr_array:
     return sparse.bsr_array((matrices, place[:-1], place), shape=shape).tocsr()
 
 
-def stiffness_matrix(network: FibreNetwork) -> sparse.csr_array:
-    """(N d, N d), of all nodes."""
-    rows, _, weights = strain_rows(network)
-    return _squared(rows, weights)
-
-
 def _squared(rows: sparse.csr_array, weights: Array) -> sparse.csr_array:
     return (rows.T @ (sparse.diags_array(weights) @ rows)).tocsr()
 
@@ -217,7 +211,8 @@ class HeldSystem:
 def held_system(network: FibreNetwork, held: Indices, moved: Array) -> HeldSystem:
     """Equations of a network with nodes held (H,) at moved (H, d) m."""
     size = network.dimensions
-    matrix = stiffness_matrix(network)
+    rows, _, weights = strain_rows(network)
+    matrix = _squared(rows, weights)
     fixed = (held[:, None] * size + np.arange(size)).ravel()
     free = np.setdiff1d(np.arange(network.nodes * size), fixed)
     lines = matrix[free]

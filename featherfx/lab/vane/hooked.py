@@ -98,6 +98,7 @@ class SampleOf:
         cell[0] = True
         length, span = np.zeros((2, n)), np.zeros((2, n))
         length[0], span[0] = self.width, np.gradient(station)
+        none, corners = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
         return Feather(
             rest=RowPoints(nodes, directors),
             station=station / self.height,
@@ -106,15 +107,10 @@ class SampleOf:
             barb_length=length,
             barb_span=span,
             cell=cell,
-            surface=_no_surface(),
+            surface=FeatherSurface(
+                none, none, corners[:, :2], corners.astype(int), none, corners, corners[:, :2]
+            ),
         )
-
-
-def _no_surface() -> FeatherSurface:
-    none, corners = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
-    return FeatherSurface(
-        none, none, corners[:, :2], corners.astype(int), none, corners, corners[:, :2]
-    )
 
 
 @dataclass(frozen=True)

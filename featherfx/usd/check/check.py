@@ -105,7 +105,11 @@ def check_usd(path: str | Path) -> list[Problem]:
 def prim_problems(prim: Any) -> Iterator[tuple[str, str]]:
     """Yield (attribute, message) of all problems of a prim of a cache."""
     if prim.IsA(UsdGeom.PointInstancer):
-        yield from instancer_problems(prim)
+        try:
+            yield from _instancer_problems(prim)
+        except InputError as error:
+            start = len(str(prim.GetPath())) + 1
+            yield from ((problem.key[start:], problem.message) for problem in error.problems)
     if prim.IsA(UsdGeom.PointBased):
         for found in geometry_problems(prim):
             yield from found
@@ -158,17 +162,13 @@ def check_scene(path: Path) -> list[Problem]:
         prims = list(prims_below(scene.stage.GetPseudoRoot()))
         for prim in counted("checking", prims, len(prims)):
             if prim.IsA(UsdGeom.PointBased) and str(prim.GetPath()) not in bad:
-                _geometry(prim, place)
+                faults, habits = geometry_problems(prim)
+                for attribute, message in faults:
+                    place.child(f"{prim.GetPath()}.{attribute}").fail(message)
+                for attribute, message in habits:
+                    text = f"{place.source}: {prim.GetPath()}.{attribute}: {message}"
+                    warn_input(text)
     return problems.listed()
-
-
-def _geometry(prim: Any, place: Place) -> None:
-    faults, habits = geometry_problems(prim)
-    for attribute, message in faults:
-        place.child(f"{prim.GetPath()}.{attribute}").fail(message)
-    for attribute, message in habits:
-        text = f"{place.source}: {prim.GetPath()}.{attribute}: {message}"
-        warn_input(text)
 
 
 def _meshes(scene: SourceScene, place: Place) -> set[str]:
@@ -221,15 +221,6 @@ _PER_INSTANCE = {
     "velocities": VECTOR_ARRAY,
     "ids": INTEGER_ARRAY,
 }
-
-
-def instancer_problems(prim: Any) -> Iterator[tuple[str, str]]:
-    """Yield (attribute, message) of the problems of an instancer at the first time."""
-    try:
-        yield from _instancer_problems(prim)
-    except InputError as error:
-        start = len(str(prim.GetPath())) + 1
-        yield from ((problem.key[start:], problem.message) for problem in error.problems)
 
 
 def _instancer_problems(prim: Any) -> Iterator[tuple[str, str]]:

@@ -365,16 +365,12 @@ class _CondensedPrim:
             return np.zeros((0, BARB_SEGMENTS + 1, 3))
         curves = self._to_barbs @ self._flat(*self._pose(code))
         if self.is_wet:
-            curves = self._soaked(curves, code)
+            ends = np.cumsum([each.widths.size for each in self._barbs])
+            each = zip(self._barbs, np.split(curves, ends[:-1]), self.clumped(code), strict=True)
+            curves = np.concatenate(
+                [clumped(drawn, own, float(amount), int(n)) for drawn, own, (amount, n) in each]
+            )
         return self._placed(curves, code).reshape(-1, BARB_SEGMENTS + 1, 3)
-
-    def _soaked(self, curves: Array, code: Any) -> Array:
-        """Return points of all barbs in clumps."""
-        ends = np.cumsum([each.widths.size for each in self._barbs])
-        each = zip(self._barbs, np.split(curves, ends[:-1]), self.clumped(code), strict=True)
-        return np.concatenate(
-            [clumped(drawn, own, float(amount), int(n)) for drawn, own, (amount, n) in each]
-        )
 
     @property
     def is_wet(self) -> bool:

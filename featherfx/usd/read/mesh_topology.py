@@ -108,23 +108,6 @@ class LimitSurface:
         return corners.reshape(-1, *values.shape[1:])
 
 
-def is_fine(counts: Indices, indices: Indices, points: Array, scheme: str) -> bool:
-    """Return whether faces of a large mesh are so small that a refinement would be no nearer."""
-    if len(counts) <= MAX_REFINED_FACES:
-        return False
-    return estimate_cage_distance(counts, indices, points, scheme) <= MAX_LIMIT_DISTANCE
-
-
-def read_cage_distance(
-    mesh: Any, topology: tuple[Indices, Indices], scheme: str, points: Array
-) -> float:
-    """Return the largest distance (m) of points (V, 3) of a mesh to its limit surface; of a large
-    mesh an estimate that takes creases as smooth."""
-    if len(topology[0]) > MAX_REFINED_FACES:
-        return estimate_cage_distance(*topology, points, scheme)
-    return measure_cage_distance(_read_cage(mesh, topology, scheme, len(points)), points)
-
-
 def _read_creases(mesh: Any, size: int) -> Sharp:
     """Return the edges of the polylines of creases; one sharpness for each line or each edge."""
     lengths = _read_indices(mesh.GetCreaseLengthsAttr(), None)
@@ -347,17 +330,18 @@ def open_limit(mesh: Any, counts: Indices, indices: Indices, points: Array) -> L
     scheme = read_scheme(mesh)
     if scheme == "none" or not len(counts):
         return None
-    # with sparse matrices, for meshes that are subdivided alone
-
-    if is_fine(counts, indices, points, scheme):
-        return None
+    large = len(counts) > MAX_REFINED_FACES
+    if large and estimate_cage_distance(counts, indices, points, scheme) <= MAX_LIMIT_DISTANCE:
+        return None  # a refinement would be no nearer
     return LimitSurface(mesh, (counts, indices), scheme, points)
 
 
 def measure_distance(mesh: Any, counts: Indices, indices: Indices, points: Array) -> float:
-    """Return the largest distance (m) of points (V, 3) of a mesh to its subdivided surface."""
+    """Return the largest distance (m) of points (V, 3) of a mesh to its subdivided surface; of a
+    large mesh an estimate that takes creases as smooth."""
     scheme = read_scheme(mesh)
     if scheme in ("none", "bilinear") or not len(counts):
         return 0.0
-
-    return read_cage_distance(mesh, (counts, indices), scheme, points)
+    if len(counts) > MAX_REFINED_FACES:
+        return estimate_cage_distance(counts, indices, points, scheme)
+    return measure_cage_distance(_read_cage(mesh, (counts, indices), scheme, len(points)), points)
