@@ -31,15 +31,13 @@ from featherfx.solver.step.active_contact_kernels import (
 from featherfx.solver.step.banded_kernels import factorise, solve_factored
 from featherfx.solver.step.pose_kernels import barb_jacobians, joint_axes, load_pose, place_points
 
-# contacts chosen over those that are closed, at most
-_SPARE = 1.5
+_SPARE = 1.5  # contacts chosen over those that are closed, at most
 # gap that may stay for a change as large as the mean force of a body, over what rounds may leave;
 # and part of the displacement by a force that it may be short of
 _HELD, _LEAST_HELD = 10.0, 1e-5
 # the same of what is led, over how far the force presses its spring: a few rounds at once
 _LED_HELD = 0.25
-# N, that no force of an island is
-_NO_FORCE = 1e-30
+_NO_FORCE = 1e-30  # N, that no force of an island is
 # iterations at most; gaps that they may leave, over what rounds may leave and over what is off;
 # change of a force for which a body is solved, over what rounds may leave
 _MAX_ITERATIONS, _CLOSED, _CLOSED_RATIO, _CHANGED = 300, 0.1, 0.02, 0.1
@@ -55,12 +53,6 @@ def _owner(contact, island, marks):
     """Return whether guest or host stands for a contact, the guest where it is solved."""
     is_guest = marks.island[contact.guest] == island and marks.mine[contact.guest] != 0
     return contact.guest if is_guest else contact.host
-
-
-@kernel
-def _is_fixed(contact, marks):
-    """Return whether one side of a contact never gives way, so that there may be no force."""
-    return contact.host < 0 or marks.fixed[contact.guest] != 0 or marks.fixed[contact.host] != 0
 
 
 @kernel
@@ -116,7 +108,10 @@ def choose_forces(island, sweep):
                 continue
             contact.joint = APART
             if _is_closed(contact):
-                contact.joint = FIXED if _is_fixed(contact, marks) else place
+                # where one side never gives way there may be no force
+                gives = contact.host >= 0 and marks.fixed[contact.guest] == 0
+                gives = gives and marks.fixed[contact.host] == 0
+                contact.joint = place if gives else FIXED
             if contact.joint >= 0:
                 joint.chosen[place] = listed.items[k]
                 place += 1
@@ -149,11 +144,8 @@ def _make_room(island, sweep):
 def _part(contact, is_guest, q):
     """Row, point and weight of part q of a contact on a body."""
     if is_guest:
-        return (
-            contact.row + q,
-            contact.point,
-            contact.fraction if q == 1 else 1.0 - contact.fraction,
-        )
+        weight = contact.fraction if q == 1 else 1.0 - contact.fraction
+        return contact.row + q, contact.point, weight
     return contact.corner[q, 0], contact.corner[q, 1], contact.weight[q]
 
 
@@ -383,8 +375,7 @@ def _go(low, high, factor, sweep):
 @kernel
 def _expand(island, low, high, step, sweep):
     """Go down the free gradient, as far as no force falls below 0."""
-    joint = sweep.joint
-    lines = joint.lines
+    joint, lines = sweep.joint, sweep.joint.lines
     for k in range(low, high):
         size, change = lines[_SIZE, k], step * _free(k, joint)
         if size > 0.0:
@@ -397,8 +388,7 @@ def _expand(island, low, high, step, sweep):
 @kernel
 def _conjugate(island, low, high, step, sweep):
     """One step of conjugate gradients on the free forces, or as far as they are."""
-    joint = sweep.joint
-    lines = joint.lines
+    joint, lines = sweep.joint, sweep.joint.lines
     _apply(island, low, high, sweep)
     slope, bend, most = 0.0, 0.0, 1e300
     for k in range(low, high):
@@ -409,25 +399,17 @@ def _conjugate(island, low, high, step, sweep):
             most = min(most, joint.force[k] / (size * p))
     if not bend > 0.0:
         return False
+    along = 0.0
     if slope / bend <= most:
         _go(low, high, slope / bend, sweep)
-        along = 0.0
         for k in range(low, high):
             along += _free(k, joint) * lines[_IMAGE, k]
-        for k in range(low, high):
-            lines[_DIRECTION, k] = _free(k, joint) - along / bend * lines[_DIRECTION, k]
-        return True
-    _go(low, high, most, sweep)
-    _expand(island, low, high, step, sweep)
-    _point_down(low, high, sweep)
-    return True
-
-
-@kernel
-def _point_down(low, high, sweep):
-    """Direction of the free gradient."""
+    else:
+        _go(low, high, most, sweep)
+        _expand(island, low, high, step, sweep)
     for k in range(low, high):
-        sweep.joint.lines[_DIRECTION, k] = _free(k, sweep.joint)
+        lines[_DIRECTION, k] = _free(k, joint) - along / bend * lines[_DIRECTION, k]
+    return True
 
 
 @kernel
@@ -441,7 +423,8 @@ def _proportion(island, low, high, sweep):
         slope += lines[_GRADIENT, k] * lines[_DIRECTION, k]
         bend += lines[_DIRECTION, k] * lines[_IMAGE, k]
     _go(low, high, slope / bend, sweep)
-    _point_down(low, high, sweep)
+    for k in range(low, high):
+        lines[_DIRECTION, k] = _free(k, sweep.joint)
 
 
 @kernel
@@ -452,7 +435,8 @@ def solve_forces(island, sweep):
     low, high = joint.first[island], joint.last[island]
     _begin(island, low, high, sweep)
     bound = _bound(island, low, high, sweep)
-    _point_down(low, high, sweep)
+    for k in range(low, high):
+        joint.lines[_DIRECTION, k] = _free(k, joint)
     goal = max(_CLOSED, _CLOSED_RATIO * sweep.islands.worst[island])
     for _ in range(_MAX_ITERATIONS if bound > 0.0 else 0):
         free, chopped, worst = _measure_gradient(low, high, 1.0 / bound, sweep)
