@@ -349,13 +349,13 @@ def _place_of(room, i, pieces):
 
 
 @kernel
-def _along(room, steps, k):
-    """Way (m) along the images around row k, and its length over that of steps (n - 1) there."""
-    low, high, own, size = max(k - 1, 0), min(k + 1, room.up.shape[0] - 1), 0.0, 0.0
-    for i in range(low, high):
+def _stretch(room, steps, k):
+    """Length of the images around row k over that of steps (n - 1) there."""
+    own = size = 0.0
+    for i in range(max(k - 1, 0), min(k + 1, room.up.shape[0] - 1)):
         own += steps[i]
         size += length(sub(room.image[i + 1, 0], room.image[i, 0]))
-    return sub(room.image[high, 0], room.image[low, 0]), size / own
+    return size / own
 
 
 @kernel
@@ -365,16 +365,6 @@ def _row_frame(room, i):
     low, high = max(i - 1, 0), min(i + 1, rows - 1)
     up = combined(1.0 - part, room.up[k], part, room.up[k + 1])
     return _frame(sub(room.rachis[high], room.rachis[low]), up)
-
-
-@kernel
-def _imaged_frame(room, steps, k, part):
-    """Frame of images between rows k and k + 1, whose first axis is as short as they are long."""
-    up = combined(1.0 - part, room.up[k], part, room.up[k + 1])
-    one, two = _along(room, steps, k), _along(room, steps, k + 1)
-    axes = _frame(combined(1.0 - part, one[0], part, two[0]), up)
-    stretch = (1.0 - part) * one[1] + part * two[1]
-    return scale(1.0 / stretch, axes[0]), axes[1], axes[2]
 
 
 @kernel
@@ -448,13 +438,16 @@ def draw_over(carrier, leaves, carried, motion, made, room, low, high):
         first = room.rachis[0]
         at = first[0], first[1], first[2]
         for i in range(rows):
-            axes, turn = _rolled(_row_frame(room, i), roll), room.turns[i, 0]
+            frame = _row_frame(room, i)
+            axes, turn = _rolled(frame, roll), room.turns[i, 0]
             store(nodes[f, i, 0], at)
             for k in range(2):
                 own = _from_axes(leaves.directors[f, i, k], axes)
                 store(directors[f, i, k], _turned(own, axes, turn))
             k, part = _place_of(room, i, leaves.pieces[f])
-            imaged = _imaged_frame(room, leaves.steps[f], k, part)
+            one, two = (_stretch(room, leaves.steps[f], k), _stretch(room, leaves.steps[f], k + 1))
+            ahead = scale(1.0 / ((1.0 - part) * one + part * two), frame[0])
+            imaged = ahead, frame[1], frame[2]
             for side in range(2):
                 angles, last = motion.rest.angles[f, side], side * m + m
                 angle = angles[i, 0] - (1.0 - part) * angles[k, 0] - part * angles[k + 1, 0]
