@@ -188,7 +188,7 @@ def jumps(parts, times):
 def sharpest_turn(nodes):
     """Degrees from one piece of a rachis to the next, at most."""
     ways = unit(np.diff(nodes[:, :, 0], axis=1))
-    return np.degrees(np.arccos((ways[:, 1:] * ways[:, :-1]).sum(axis=-1))).max()
+    return np.degrees(np.arccos(np.minimum((ways[:, 1:] * ways[:, :-1]).sum(axis=-1), 1.0))).max()
 
 
 def test_feathers_bridge_a_crease_without_a_jump():
