@@ -20,13 +20,13 @@ from featherfx.feather.leaves import lay_out
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.groom.anatomy import drape
 from featherfx.groom.anatomy.bird_tracts import axes_of
-from featherfx.groom.anatomy.drape import Body
 from featherfx.groom.anatomy.remiges import folded, lying
 from featherfx.groom.anatomy.wing import BENT_HEIGHT, wing_type
 from featherfx.groom.keys.anatomy import TRACTS
 from featherfx.groom.keys.problems import Place, Problems
 from featherfx.groom.presets.library import Library
 from featherfx.groom.read.read import read_groom as read_groom_file
+from featherfx.groom.skin.skin import Body
 from featherfx.shot.motion.flap import PIGEON, beat_of, build_of, size_of
 from featherfx.shot.read.reference import list_presets
 

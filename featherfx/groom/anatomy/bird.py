@@ -26,7 +26,7 @@ from featherfx.groom.anatomy.bird_tracts import (
     find_tracts,
     tuples,
 )
-from featherfx.groom.anatomy.drape import Beneath, Body, beneath, lie_on
+from featherfx.groom.anatomy.drape import Beneath, beneath, lie_on
 from featherfx.groom.anatomy.fans import TAIL_THINNING, closed_fan
 from featherfx.groom.anatomy.remiges import coated_rows, on_skin, shut
 from featherfx.groom.anatomy.wing import BENT_HEIGHT, skin_of_wing, wing_type
@@ -36,6 +36,7 @@ from featherfx.groom.keys.plumage import CREST_KEYS, LAYOUT_KEYS, TAIL_KEYS, WIN
 from featherfx.groom.keys.problems import INVALID, Place
 from featherfx.groom.presets.library import Library, plain, sourced
 from featherfx.groom.read.space import SkinsReader
+from featherfx.groom.skin.skin import Body
 
 _TAIL_LIFT = 0.006  # of the longest, from pair to pair: the pigeon's as counted free of crossings
 _TAIL_DEEP = 0.4  # of the width of the root, all pairs together at most, as in trains; by eye

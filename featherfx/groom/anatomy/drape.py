@@ -6,9 +6,8 @@ its inner edge and the tip of its longest primary shall be; the bones go along w
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from featherfx.algebra.vectors import from_rotation_vector
 from featherfx.groom.anatomy.remiges import Remiges, folded, frames_at, lying, plan_axes, remiges_of
 from featherfx.groom.anatomy.sheet import Sheet, envelope_of, nearest_sheet
 from featherfx.groom.keys.anatomy import WingType
-from featherfx.groom.skin.field import search_tree
+from featherfx.groom.skin.skin import Body
 
 _ALONG = np.linspace(0.0, 1.0, 6)  # of shafts, places that are told
 _NEAREST = 7.0  # percentile of places of shafts that are as near as the clearance
@@ -28,46 +27,6 @@ _EDGE = 0.2  # of a feather's length, from its shaft to the edge of its inner va
 _MAX_ANGLE = 40.0  # deg, by which the plan is turned on its sheet
 _MISS = 0.05  # of the longest feather, by which a folded wing misses what its type asks for unsaid
 _TRIES = 8  # in which its ends come to where they shall be, half of the way each
-_OUTWARDS = 65  # places that are asked on a way out of a body
-
-
-@dataclass(frozen=True)
-class Body:
-    """Body that a wing lies on. corners: (T, 3, 3) m, triangles that look outwards. axes: (3, 3)
-    forward, left and up. middle: (3,) m, a point of the plane of symmetry."""
-
-    corners: Array
-    axes: Array
-    middle: Array
-
-    @cached_property
-    def _centres(self) -> Array:
-        return self.corners.mean(axis=1)
-
-    @cached_property
-    def _tree(self) -> Any:
-        return search_tree(self._centres)
-
-    @cached_property
-    def _products(self) -> Array:
-        return np.cross(
-            self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0]
-        )
-
-    def gaps(self, points: Array) -> Array:
-        """(N,) m, of points (N, 3) over the body, negative within."""
-        distance, near = self._tree.query(points)
-        size = np.linalg.norm(self._products[near], axis=1)
-        above = np.einsum("nc,nc->n", points - self._centres[near], self._products[near]) / size
-        beside = np.sqrt(np.maximum(distance**2 - above**2, 0.0))
-        # past an edge of the body, where a plane says nothing
-        return np.where(beside > 2.0 * np.sqrt(size), distance, above)
-
-    def way_out(self, start: Array, way: Array, most: float) -> float:
-        """m, from a point (3,) along a unit way (3,) to where the body ends, up to most m."""
-        ways = np.linspace(0.0, most, _OUTWARDS)
-        inside = self.gaps(start + ways[:, None] * way) < 0.0
-        return float(ways[min(int(inside.nonzero()[0].max(initial=-1)) + 1, len(ways) - 1)])
 
 
 def lie_on(

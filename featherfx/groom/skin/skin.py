@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from itertools import chain
 from typing import Any
 
@@ -35,6 +36,46 @@ _ALIKE = 1e-7  # by which distances differ that count as equal: float32 of textu
 _CRUSHED_RATIO = 0.05
 # of the weight around a root, with which it has a turn
 _MIN_WEIGHT = 0.02
+_OUTWARDS = 65  # places that are asked on a way out of a body
+
+
+@dataclass(frozen=True)
+class Body:
+    """Body that feathers lie on. corners: (T, 3, 3) m, triangles that look outwards. axes: (3, 3)
+    forward, left and up. middle: (3,) m, a point of the plane of symmetry."""
+
+    corners: Array
+    axes: Array
+    middle: Array
+
+    @cached_property
+    def _centres(self) -> Array:
+        return self.corners.mean(axis=1)
+
+    @cached_property
+    def _tree(self) -> Any:
+        return search_tree(self._centres)
+
+    @cached_property
+    def _products(self) -> Array:
+        return np.cross(
+            self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0]
+        )
+
+    def gaps(self, points: Array) -> Array:
+        """(N,) m, of points (N, 3) over the body, negative within."""
+        distance, near = self._tree.query(points)
+        size = np.linalg.norm(self._products[near], axis=1)
+        above = np.einsum("nc,nc->n", points - self._centres[near], self._products[near]) / size
+        beside = np.sqrt(np.maximum(distance**2 - above**2, 0.0))
+        # past an edge of the body, where a plane says nothing
+        return np.where(beside > 2.0 * np.sqrt(size), distance, above)
+
+    def way_out(self, start: Array, way: Array, most: float) -> float:
+        """m, from a point (3,) along a unit way (3,) to where the body ends, up to most m."""
+        ways = np.linspace(0.0, most, _OUTWARDS)
+        inside = self.gaps(start + ways[:, None] * way) < 0.0
+        return float(ways[min(int(inside.nonzero()[0].max(initial=-1)) + 1, len(ways) - 1)])
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.errors import InputWarning
-from featherfx.groom.anatomy.drape import Body
 from featherfx.groom.skin.field import search_tree
+from featherfx.groom.skin.skin import Body
 from featherfx.mechanics.model import Loads
 from featherfx.shot.contact.contact import MAX_NAMED, ShotContact
 from featherfx.shot.contact.obstacles import Obstacles, obstacles_of

@@ -38,7 +38,6 @@ from featherfx.algebra.vectors import dots, from_rotation_vector
 from featherfx.errors import InputWarning, Problem
 from featherfx.groom.keys.preset import Clock
 from featherfx.groom.types import Groom, Placement
-from featherfx.shot.motion.act import PoseComposer
 from featherfx.shot.motion.beat import BEAT_SAMPLES, Flap, Wings, track_of
 from featherfx.shot.motion.joints import (
     JointPoses,
@@ -131,6 +130,8 @@ class BeatFit:
     def _posed(self, flap: Flap, roots: JointRoots, phase: float, time: float) -> RootFrames:
         """Roots of opened wings at a phase of a beat."""
         beat = self.wings.poses(flap, phase, time, eased(*flap.fold_factors, time))
+        from featherfx.shot.motion.act import PoseComposer  # only for wings that fold
+
         pose = PoseComposer.of(self.skeleton)(opened_poses(self.groom), beat)
         return replace(roots, poses=lambda _: pose).frames(0.0)
 
