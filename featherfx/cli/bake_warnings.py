@@ -50,7 +50,8 @@ def _cut(cut: dict[str, Any]) -> str:
     ]
     return (
         f"{cut['feathers']} of {cut['coat']} feathers of the coat have no room for their variation:"
-        f" {', '.join(parts)}. Lower the density of their regions for more"
+        f" {', '.join(parts)}. For more lower the density of their regions, or raise them by a"
+        " [[channel]] `ruffle`"
     )
 
 
