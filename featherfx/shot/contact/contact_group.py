@@ -25,7 +25,7 @@ from featherfx.shot.contact.partition import pushing_islands
 from featherfx.shot.loop.free_group import is_at_rest, is_undisturbed, skip_frame
 from featherfx.shot.loop.groups import ALONE, Bounds, FeatherGroup
 from featherfx.shot.loop.run import Arrays, ShotRun, Stage, prefixed, under
-from featherfx.shot.motion.limbs import of_wings
+from featherfx.shot.motion.joints import of_wings
 from featherfx.shot.motion.motion import root_motion, root_path
 from featherfx.shot.roots import RootFrames, Roots
 from featherfx.shot.types import Shot, may_touch

@@ -10,7 +10,7 @@ guide.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -18,8 +18,6 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.feather.placed_feathers import build_feathers
 from featherfx.feather.types import Feather, RowMap, RowPoints, stacked
 from featherfx.mechanics.model import Loads, no_loads
-from featherfx.shot.detail.guided import Followers, Shapes, turned_by
-from featherfx.shot.detail.guides import guide_weights
 from featherfx.shot.loop.groups import FeatherGroup, maps_between, model_of
 from featherfx.shot.options import FeatherOptions, ShotOptions
 from featherfx.shot.roots import RootFrames, Roots, arrived
@@ -28,6 +26,9 @@ from featherfx.solver.contact.surfaces import Grids
 from featherfx.solver.contact.types import LedMotion
 from featherfx.solver.solver import RootPath, Solver, hold_roots
 from featherfx.solver.state import State, rest_state
+
+if TYPE_CHECKING:
+    from featherfx.shot.detail.guided import Followers
 
 
 class Batch(NamedTuple):
@@ -55,6 +56,8 @@ class Guides:
 
     def followed(self, states: Sequence[State], roots: RootFrames) -> RowPoints:
         """The followers in their root frames. states: of the batches; roots: of the groom, then."""
+        from featherfx.shot.detail.guided import turned_by  # only for those that are guided
+
         found = []
         for batch, k, to_grid in self._places:
             own = states[batch].points.at(k)
@@ -193,6 +196,8 @@ class Obstacles:
 
 def _placed(local: RowPoints, roots: RootFrames) -> Array:
     """Nodes of feathers, given in their root frames, in the world."""
+    from featherfx.shot.detail.guided import turned_by
+
     return turned_by(roots.rotations, local).shifted(roots.positions).nodes
 
 
@@ -213,7 +218,11 @@ def obstacles_of(
         return Obstacles([], nothing, None, motion, count)
     solved = np.unique(np.concatenate([group.members for group in groups]))
     every, guided = options.at_level("guided"), nothing
-    guides, weights = guide_weights(shot, every, options.leading) if len(every) else (nothing, None)
+    guides, weights = nothing, None
+    if len(every):
+        from featherfx.shot.detail.guides import guide_weights
+
+        guides, weights = guide_weights(shot, every, options.leading)
     if weights is not None:
         lost = weights[:, ~np.isin(guides, solved)].sum(axis=1) > 0.0
         own = np.isin(every, members) & ~lost
@@ -273,5 +282,7 @@ def _guides_of(
         for f, k, to_grid in zip(chosen, leading, maps, strict=True):
             places[f] = b, k, to_grid
     mirrored = [[placements[f].mirrored for f in some.tolist()] for some in (numbers, guides)]
+    from featherfx.shot.detail.guided import Followers, Shapes
+
     shape_of = Shapes(shapes, mirrored[0]), Shapes(seen, mirrored[1])
     return Guides(guides, Followers(*shape_of, weights), [places[f] for f in guides.tolist()])

@@ -32,7 +32,6 @@ from featherfx.feather.types import Feather
 from featherfx.files.disk_cache import digest
 from featherfx.mechanics.resolution import may_slip
 from featherfx.shot.contact.pairs import PAIR_REACH_RATIO, joined, meeting
-from featherfx.shot.detail.guides import guide_weights, uses_guides
 from featherfx.shot.frames import place
 from featherfx.shot.loop.groups import ALONE
 from featherfx.shot.motion.motion import root_motion
@@ -67,6 +66,8 @@ def _led_together(shot: Shot, options: ShotOptions, some: Indices, island: Indic
     guided = options.at_level("guided")
     if not shot.contact.obstacles or not len(guided) or island.max() == 0:
         return island
+    from featherfx.shot.detail.guides import guide_weights  # only where some are guided
+
     guides, weights = guide_weights(shot, guided, options.leading)
     pairs, own = weights.tocoo(), np.full(len(shot.groom.feathers), ALONE)
     own[some] = island
@@ -173,6 +174,8 @@ def share_numbers(shot: Shot, index: int, count: int) -> Indices:
 
 def _share_of_each(shot: Shot, count: int, islands: Indices | None) -> Indices:
     """(F,) share of every feather, from 0. islands: (F,), where feathers push each other."""
+    from featherfx.shot.detail.guides import uses_guides  # only for shares
+
     total = len(shot.groom.feathers)
     free = np.ones(total, dtype=np.bool_) if islands is None else islands < 0
     if not uses_guides(shot) or count == 1:
@@ -263,6 +266,8 @@ def _shares(shot: Shot, count: int) -> Indices:
     share = np.arange(len(placements)) % count
     if not len(guided):
         return share
+    from featherfx.shot.detail.guides import guide_weights
+
     guides, weights = guide_weights(shot, guided, options.leading)
     together = np.union1d(guided, guides)
     roots = np.array([placements[f].position for f in together])

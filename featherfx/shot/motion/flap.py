@@ -46,11 +46,11 @@ from featherfx.shot.motion.joints import (
     PosesOverTime,
     Skeleton,
     joint_roots,
+    of_wings,
     opened_poses,
     skeleton_of,
     still_poses,
 )
-from featherfx.shot.motion.limbs import of_wings
 from featherfx.shot.roots import RootFrames
 from featherfx.shot.types import Motion, Shot
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from featherfx.algebra.types import Array, Indices
+from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import applied, shared_turns, vectors_to_frames
 from featherfx.errors import InputError
 from featherfx.groom.types import Groom, Joint
@@ -253,3 +253,23 @@ def opened_poses(groom: Groom) -> JointPoses:
 def free_poses(rotations: Array, displacements: Array) -> JointPoses:
     """Poses of joints that do not turn about their hinges."""
     return JointPoses(rotations, displacements, *np.zeros((4, len(rotations))))
+
+
+def first_joints(groom: Groom) -> dict[str, str]:
+    """The first joint of the limb that each joint is of, by names: a shoulder, whatever carries it,
+    else the topmost."""
+    joint_of = {joint.name: joint for joint in groom.joints}
+    firsts: dict[str, str] = {}
+    for joint in groom.joints:
+        first = joint
+        while first.parent and first.role != "shoulder":
+            first = joint_of[first.parent]
+        firsts[joint.name] = first.name
+    return firsts
+
+
+def of_wings(groom: Groom) -> Flags:
+    """(F,) which feathers of a groom are carried by the joints of a wing."""
+    shoulders = {each.name for each in groom.joints if each.role == "shoulder"}
+    firsts = first_joints(groom)
+    return np.array([firsts.get(each.joint) in shoulders for each in groom.feathers], dtype=bool)

@@ -18,7 +18,14 @@ from featherfx.groom.skin.skin import Binding, bind, follow
 from featherfx.groom.types import Groom
 from featherfx.shot.frames import StageClock
 from featherfx.shot.motion.body import BodySurface
-from featherfx.shot.motion.joints import JointPoses, Skeleton, joint_roots, skeleton_of
+from featherfx.shot.motion.joints import (
+    JointPoses,
+    Skeleton,
+    first_joints,
+    joint_roots,
+    of_wings,
+    skeleton_of,
+)
 from featherfx.shot.roots import RootFrames, Roots
 from featherfx.shot.skin import BoundSkin
 from featherfx.shot.sources import MovingSurface
@@ -64,7 +71,7 @@ class LimbRoots:
 def carried(groom: Groom, skin: Roots, joints: Roots) -> Roots:
     """The roots of a groom on a skin whose limbs fold as their joints do."""
     joint_of = {joint.name: joint for joint in groom.joints}
-    firsts = _first_joints(groom)
+    firsts = first_joints(groom)
     rest = RootFrames(
         np.array([each.position for each in groom.feathers]),
         np.array([each.rotation for each in groom.feathers]),
@@ -136,30 +143,10 @@ def _bearing(body: BodySurface, joint: int, clock: StageClock) -> LimbWay:
 
 def limbs_of(groom: Groom) -> Indices:
     """(F,) the limb that each feather of a groom is of, from 1 on; 0 for those of the skin."""
-    firsts = _first_joints(groom)
+    firsts = first_joints(groom)
     number = {name: k for k, name in enumerate(dict.fromkeys(firsts.values()), 1)}
     found = [0 if each.turning is None else number[firsts[each.joint]] for each in groom.feathers]
     return np.array(found, dtype=np.int64)
-
-
-def _first_joints(groom: Groom) -> dict[str, str]:
-    """The first joint of the limb that each joint is of, by names: a shoulder, whatever carries it,
-    else the topmost."""
-    joint_of = {joint.name: joint for joint in groom.joints}
-    firsts: dict[str, str] = {}
-    for joint in groom.joints:
-        first = joint
-        while first.parent and first.role != "shoulder":
-            first = joint_of[first.parent]
-        firsts[joint.name] = first.name
-    return firsts
-
-
-def of_wings(groom: Groom) -> Flags:
-    """(F,) which feathers of a groom are carried by the joints of a wing."""
-    shoulders = {each.name for each in groom.joints if each.role == "shoulder"}
-    firsts = _first_joints(groom)
-    return np.array([firsts.get(each.joint) in shoulders for each in groom.feathers], dtype=bool)
 
 
 @dataclass(frozen=True)
@@ -238,7 +225,7 @@ def _refuse_one_wing(
 ) -> None:
     """Raise InputError where a bone of a skeleton carries a wing's that it lies on, and one of
     another wing that is far from it: the skeleton has one wing only. names: of B joints."""
-    firsts, bone, away = _first_joints(groom), ribbons.face[binding.triangle], binding.distance
+    firsts, bone, away = first_joints(groom), ribbons.face[binding.triangle], binding.distance
     for near in np.argsort(away, kind="stable"):
         others = np.flatnonzero((bone == bone[near]) & (away > _ASIDE * away[near]))
         for far in others[np.argsort(-away[others], kind="stable")]:
