@@ -13,8 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pxr import Vt
 
-from featherfx.algebra.types import Floats
-
 
 class _Memory:
     """Memory of a USD array for numpy to write to; numpy keeps it, and with it the array."""
@@ -93,12 +91,6 @@ def vec3f(values: ArrayLike) -> Any:
     array = new_vectors(len(np.asarray(values)))
     array.numbers[...] = values
     return array.value
-
-
-def vec3h(values: Floats) -> Any:
-    """Return (N, 3) values as Vt.Vec3hArray, limited to the range of half precision."""
-    most = np.finfo(np.float16).max
-    return Vt.Vec3hArray.FromNumpy(np.clip(values, -most, most).astype(np.float16))
 
 
 def _to(kind: Any, number: Any) -> Callable[[ArrayLike], Any]:

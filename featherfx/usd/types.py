@@ -59,8 +59,6 @@ BARB_COUNT_PRIMVAR = "barbCount"
 # rate, and what has a value for each face or rachis. All else has one for each point.
 MESH_PRIM, RACHIS_PRIM, BARB_PRIM = "mesh", "rachis", "barbs"
 RATES = ("velocities", ACCELERATIONS)
-# velocities in half precision, which USD's own attribute has no place for
-HALF_VELOCITIES = "primvars:halfVelocities"
 PER_FACE_PRIMVARS = (
     BARB_DIRECTION,
     *HOOK_PRIMVARS,

@@ -34,7 +34,7 @@ FORMS = {
     "mesh": {"group": "feather"},
     "one": {"group": "all"},
     "condensed": {"form": "condensed"},
-    "both": {"form": "both", "velocities": "half"},
+    "both": {"form": "both"},
     "curves": {"form": "curves"},
     "payload": {"layout": "payload", "meters_per_unit": 0.01, "up_axis": "Y"},
 }

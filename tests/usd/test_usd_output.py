@@ -234,9 +234,9 @@ def test_the_size_of_a_large_output_is_told_before_the_work_and_right(tmp_path, 
     number, unit = re.search(r"about ([0-9.]+) (kB|MB)", str(warned[0].message)).groups()
     told = float(number) * {"kB": 1e3, "MB": 1e6}[unit]
     assert told == pytest.approx((tmp_path / "out.usdc").stat().st_size, rel=0.5)
-    assert str(warned[0].message).endswith("Give --as condensed or --velocities half for less")
+    assert str(warned[0].message).endswith("Give --as condensed or --velocities none for less")
     with pytest.warns(InputWarning, match="Bake fewer frames for less"):
-        bake(tmp_path / "small.usdc", form="condensed", velocities="half")
+        bake(tmp_path / "small.usdc", form="condensed")
 
 
 def test_reading_compiles_nothing():

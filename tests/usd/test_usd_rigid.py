@@ -1,4 +1,4 @@
-"""Feathers that move rigidly as transforms, and velocities in half precision."""
+"""Feathers that move rigidly as transforms."""
 
 from __future__ import annotations
 
@@ -135,20 +135,3 @@ def test_what_cannot_be_is_told(folder, tmp_path):
     with pytest.raises(InputError, match="no meshes of feathers that move"):
         export_rigid(tmp_path / "still.usdc", tmp_path / "a.usdc", 0.1)
     assert not (tmp_path / "a.usdc").exists()
-
-
-def test_velocities_in_half_precision(folder, tmp_path):
-    options = WriteOptions(group="all", velocities="half")
-    with CacheWriter(tmp_path / "half.usdc", entries(), FRAMES, 24.0, options) as writer:
-        for number in range(FRAMES[0], FRAMES[1] + 1):
-            writer.write(bent(number))
-    assert check_usd(tmp_path / "half.usdc") == []
-    full, half = Cache(folder / "all.usdc"), Cache(tmp_path / "half.usdc")
-    for code in (1.0, 4.0):
-        one, two = full.pose(0, code).velocities, half.pose(0, code).velocities
-        assert np.abs(one).max() > 0.0
-        assert two == pytest.approx(one, rel=5e-4, abs=1e-6)
-    stage = Usd.Stage.Open(str(tmp_path / "half.usdc"))
-    mesh = stage.GetPrimAtPath("/half/feathers/all")
-    assert not mesh.GetAttribute("velocities").HasValue()
-    assert mesh.GetAttribute("primvars:halfVelocities").GetTypeName() == "vector3h[]"

@@ -31,7 +31,6 @@ from featherfx.usd.read.values import (
 )
 from featherfx.usd.types import (
     DIAGNOSTICS,
-    HALF_VELOCITIES,
     HOOK_PRIMVARS,
     HOOKED_PRIMVAR,
     RANGES_PREFIX,
@@ -61,10 +60,9 @@ _DIAGNOSED = [
 _NOTHING = np.asarray(None)
 _OF_PRIMVARS = "{{}} values. Interpolation {} asks for {{}}"
 _PER_FACE = ("primvars:barbDirection", *_DIAGNOSED)
-_RATES = (*RATES, HALF_VELOCITIES)
-_SAMPLED_WITH_POINTS = (*_RATES, "normals", "extent", *_PER_FACE)
+_SAMPLED_WITH_POINTS = (*RATES, "normals", "extent", *_PER_FACE)
 _KINDS = {
-    **dict.fromkeys(("points", *_RATES, "normals", "extent"), VECTOR_ARRAY),
+    **dict.fromkeys(("points", *RATES, "normals", "extent"), VECTOR_ARRAY),
     **dict.fromkeys(("faceVertexCounts", "faceVertexIndices", "curveVertexCounts"), INTEGER_ARRAY),
     **dict.fromkeys(("widths", *_DIAGNOSED), NUMBER_ARRAY),
     "primvars:barbDirection": VECTOR_ARRAY,
@@ -143,7 +141,7 @@ class GeometryCheck:
         yield from self._counted("points", self._points, "{} points, not {}")
         for name in ("points", *_SAMPLED_WITH_POINTS):
             yield from self._over_time(name, _not_finite, _may_not_be_finite)
-        for name in _RATES:
+        for name in RATES:
             yield from self._over_time(name, self._not_per_point, self._may_not_be_per_point)
         yield from self._normals_and_widths()
         yield from self._primvars()

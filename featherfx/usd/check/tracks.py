@@ -38,7 +38,7 @@ from featherfx.usd.read.values import (
     read_texts,
     read_times,
 )
-from featherfx.usd.types import DETAIL_ATTRIBUTE, HALF_VELOCITIES, RANGES_PREFIX
+from featherfx.usd.types import DETAIL_ATTRIBUTE, RANGES_PREFIX
 
 if TYPE_CHECKING:
     from featherfx.usd.read.expand import Expansion
@@ -321,9 +321,6 @@ class _Reader:
         time = DEFAULT_TIME if code is None else Usd.TimeCode(code)
         attribute = self._prim.GetAttribute(name)
         found = read_array(attribute, time, VECTOR_ARRAY)
-        if found is None and name == "velocities":
-            attribute = self._prim.GetAttribute(HALF_VELOCITIES)
-            found = read_array(attribute, time, VECTOR_ARRAY)
         if found is None and name == "velocities":
             return None
         if found is None:

@@ -25,12 +25,11 @@ from featherfx.phases import counted
 from featherfx.usd import arrays
 from featherfx.usd.arrays import vec3f
 from featherfx.usd.convert.merge import begin_export, copy_layer, flatten_stage, notes_of
-from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, HALF_VELOCITIES, RANGES_PREFIX
+from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, RANGES_PREFIX, RATES
 from featherfx.usd.write.layers import FEATHERS_SCOPE, SCOPES
 from featherfx.usd.write.output import unique_prim_names
 
 # what follows from the transform, and what moves with it
-_RATES = ("velocities", HALF_VELOCITIES, ACCELERATIONS)
 _MOVED = ("points", "extent", "normals", BARB_DIRECTION)
 _OF_POINTS = ("points", "velocities", ACCELERATIONS, "normals", "widths")
 _OF_FACES = ("faceVertexCounts", "curveVertexCounts")
@@ -264,7 +263,7 @@ class _FeatherCut:
         if self._alone and each and of_feathers:
             made.SetInfo("interpolation", UsdGeom.Tokens.constant)
         codes = layer.ListTimeSamplesForPath(source.path)
-        for code in codes[:1] if self._alone and name in (*_MOVED, *_RATES) else codes:
+        for code in codes[:1] if self._alone and name in (*_MOVED, *RATES) else codes:
             layer.SetTimeSample(
                 path, code, self._value(source, layer.QueryTimeSample(source.path, code))
             )
@@ -354,7 +353,7 @@ def _author_transform(layer: Any, path: Any, codes: Sequence[float], motion: Rig
     shape = motion.shape if is_mesh else np.asarray(points.default) - motion.places[0]
     points.default = vec3f(shape)
     spec.properties["extent"].default = extent_of(layer, path, shape)
-    for name in _RATES:
+    for name in RATES:
         if name in spec.properties:
             spec.RemoveProperty(spec.properties[name])
     quats = along_rows(frames_to_quats(motion.turns))

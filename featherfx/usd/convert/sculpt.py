@@ -51,11 +51,10 @@ from featherfx.usd.read.cache import Cache
 from featherfx.usd.read.cached_feather import read_members
 from featherfx.usd.read.scenes import read_poses
 from featherfx.usd.read.values import open_stage, read_text, read_times
-from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, DIAGNOSTICS, HALF_VELOCITIES
+from featherfx.usd.types import ACCELERATIONS, BARB_DIRECTION, DIAGNOSTICS, RATES
 from featherfx.usd.write.layers import SCOPES
 
 _OFF_TOLERANCE = 0.01  # of a feather's length, from which on a pose is told as not reached
-_RATES = ("velocities", HALF_VELOCITIES)
 _DIAGNOSED = tuple(name for names in DIAGNOSTICS.values() for name in names)
 
 
@@ -346,12 +345,7 @@ class _Writer:
             yield self._write_sample(prim, chosen, kind, code)
 
     def _write_sample(self, prim: FeatherPrim, chosen: list[int], kind: int, code: float) -> Array:
-        names = (
-            "points",
-            *_RATES,
-            ACCELERATIONS,
-            *(("normals", BARB_DIRECTION) if kind == 2 else ()),
-        )
+        names = ("points", *RATES, *(("normals", BARB_DIRECTION) if kind == 2 else ()))
         values = {
             name: self._read(prim, name, code) for name in names if name in prim.spec.properties
         }
@@ -369,7 +363,7 @@ class _Writer:
             ]
             seconds = self._step / self._rate
             changed["points"][cut] = found[1]
-            for name in (*_RATES, ACCELERATIONS):
+            for name in RATES:
                 if name not in changed:
                     continue
                 if name == ACCELERATIONS:
@@ -405,7 +399,7 @@ class _Writer:
     def _series(self, prim: FeatherPrim, cut: slice, code: float, step: int) -> Array:
         """(V, 3) points of a feather in a prim of the cache, some steps after a time code."""
         points = np.asarray(self._read(prim, "points", code), dtype=np.float64)[cut]
-        for name, power in (*((name, 1) for name in _RATES), (ACCELERATIONS, 2)):
+        for power, name in enumerate(RATES, 1):
             if step and name in prim.spec.properties:
                 rate = np.asarray(self._read(prim, name, code), dtype=np.float64)[cut]
                 points = points + (step * self._step / self._rate) ** power / power * rate

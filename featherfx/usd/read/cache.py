@@ -39,7 +39,7 @@ from featherfx.usd.read.values import (
     read_times,
     usd_errors,
 )
-from featherfx.usd.types import HALF_VELOCITIES, WET_PRIMVARS, StageSpace
+from featherfx.usd.types import WET_PRIMVARS, StageSpace
 from featherfx.usd.write.output import unique_prim_names
 from featherfx.usd.write.prims import SUBSETS
 
@@ -313,8 +313,6 @@ class Cache:
             return None if found is None or len(found) != total else found[cut]
 
         normals, velocities = of_points("normals"), of_points("velocities")
-        if velocities is None:
-            velocities = of_points(HALF_VELOCITIES)
         # Normals turn with the inverse transpose; row vectors here.
         return (
             None if velocities is None else velocities @ matrix[:3, :3],

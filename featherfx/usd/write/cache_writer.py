@@ -145,7 +145,7 @@ class CacheWriter:
         if self._samples and not options.resume:
             needed = bytes_per_sample * self._samples
             smaller = ["--as condensed"] * (not form.thinned)
-            smaller += ["--velocities half"] * (form.rates and not form.half)
+            smaller += ["--velocities none"] * form.rates
             told = describe_large_output(needed, self._samples, self._path, smaller)
             if told:
                 warn_input(told)

@@ -21,13 +21,11 @@ from pxr import Sdf, Tf
 from featherfx.algebra.types import Flags, Floats
 from featherfx.files.atomic_write import Standing, Store, WrittenFile
 from featherfx.shot.frames import FeatherPose, Frame
-from featherfx.usd.arrays import vec3h
 from featherfx.usd.types import (
     ACCELERATIONS,
     BARB_DIRECTION,
     BARB_NODE_PRIMVARS,
     DETAIL_ATTRIBUTE,
-    HALF_VELOCITIES,
     ORIENT_PRIMVAR,
     PER_FACE_PRIMVARS,
     RATES,
@@ -61,7 +59,6 @@ _TYPES = {
     "velocities": Sdf.ValueTypeNames.Vector3fArray,
     BARB_DIRECTION: Sdf.ValueTypeNames.Vector3fArray,
     ACCELERATIONS: Sdf.ValueTypeNames.Vector3fArray,
-    HALF_VELOCITIES: Sdf.ValueTypeNames.Vector3hArray,
     ORIENT_PRIMVAR: Sdf.ValueTypeNames.QuathArray,
     DETAIL_ATTRIBUTE: Sdf.ValueTypeNames.IntArray,
     **dict.fromkeys(BARB_NODE_PRIMVARS, Sdf.ValueTypeNames.Point3fArray),
@@ -69,9 +66,7 @@ _TYPES = {
 _TYPES |= {
     name: Sdf.ValueTypeNames.FloatArray for name in PER_FACE_PRIMVARS if name != BARB_DIRECTION
 }
-_INTERPOLATION = dict.fromkeys(
-    ("normals", ORIENT_PRIMVAR, HALF_VELOCITIES, *BARB_NODE_PRIMVARS), "vertex"
-)
+_INTERPOLATION = dict.fromkeys(("normals", ORIENT_PRIMVAR, *BARB_NODE_PRIMVARS), "vertex")
 _INTERPOLATION |= dict.fromkeys(PER_FACE_PRIMVARS, "uniform")
 
 
@@ -91,9 +86,7 @@ class AnimatedPrims:
         self.groups, self.prims, self.form = groups, prims, form
         self.paths: list[dict[AttributeKey, Any]] = [
             {
-                (part, name): own[part].AppendProperty(
-                    HALF_VELOCITIES if name == "velocities" and form.half else name
-                )
+                (part, name): own[part].AppendProperty(name)
                 for part, name in group.keys
                 if part in own and form.writes((part, name))
             }
@@ -139,8 +132,6 @@ class AnimatedPrims:
         paths, store = self.paths[index], layer.SetTimeSample
         for key, path in paths.items():
             array = pose.values[key].value
-            if path.name == HALF_VELOCITIES:
-                array = vec3h(pose.values[key].numbers)
             for code in codes:
                 store(path, code, array)
 

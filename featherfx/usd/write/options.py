@@ -83,10 +83,9 @@ class WriteOptions(StageOptions):
     )
     velocities: str | None = option(
         None,
-        "full: velocities at every sample; half: in half precision, as the primvar halfVelocities,"
-        " which most renderers do not read; none: leave them out."
+        "full: velocities at every sample; none: leave them out."
         "  [default: none with --as condensed, else full]",
-        allowed=("full", "half", "none"),
+        allowed=("full", "none"),
     )
     accelerations: bool = option(False, "Also write accelerations.")
     diagnostics: Sequence[str] = option(

@@ -263,14 +263,12 @@ class CacheForm:
     """Form of the feathers in a cache.
 
     parts: the prims of each feather. condensed: whether rachises carry barbs, and thinned: half of
-    their rows and nodes. rates: whether velocities and accelerations are written; half: velocities
-    in half precision.
+    their rows and nodes. rates: whether velocities and accelerations are written.
     """
 
     parts: tuple[str, ...] = (MESH_PRIM, RACHIS_PRIM, BARB_PRIM)
     condensed: bool = False
     rates: bool = True
-    half: bool = False
     thinned: bool = False
 
     @staticmethod
@@ -280,7 +278,6 @@ class CacheForm:
             parts,
             condensed=options.form in (CONDENSED_FORM, BOTH_FORMS),
             rates=options.rates != "none",
-            half=options.rates == "half",
             thinned=options.form == CONDENSED_FORM,
         )
 
