@@ -157,7 +157,7 @@ class Mouth(Board):
 @pytest.mark.slow
 def test_a_body_that_swallows_a_wing_ends_with_names_and_not_the_shot():
     shot = replace(half_wing(coarse_bird()), motion=HELD, colliders=timed(Mouth()))
-    with pytest.warns(InputWarning, match=r"'right_primary_\d+' .*left out") as told:
+    with pytest.warns(InputWarning, match=r"'right_primary_\d+' .*found no balance") as told:
         frames, failed = outcome(shot, 4)
     names = [name for each in told for name in re.findall(r"feather '(\w+)'", str(each.message))]
     assert len(names) == len(set(names))

@@ -380,13 +380,14 @@ def _warn_of_passing(crossed: Sequence[Mapping[str, Any]], when: str) -> None:
 
 
 def _warn_of(yielded: Flags, names: Sequence[str], time: float) -> None:
-    """Warn of feathers (B,) whose contacts are left out first in the frame from a time (s) on."""
+    """Warn of feathers (B,) without balance, or contacts, first in the frame from a time (s) on."""
     if yielded.any():
         more = f" and {int(yielded.sum()) - 1} more" if yielded.sum() > 1 else ""
         warnings.warn(
-            f"contact: feather '{names[int(np.flatnonzero(yielded)[0])]}'{more} could not be solved"
-            f" with all contacts in the frame from {time:.4g} s on, and some were left out there:"
-            " what holds them apart may be passed. Less wind or slower roots help",
+            f"contact: feather '{names[int(np.flatnonzero(yielded)[0])]}'{more} found no balance"
+            f" with what touches it in the frame from {time:.4g} s on. It kept its pose there for"
+            " a while, or went on without contacts: others may pass it. Less wind or slower roots"
+            " help",
             InputWarning,
             stacklevel=2,
         )

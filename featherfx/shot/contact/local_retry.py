@@ -4,7 +4,7 @@ Where a step leaves some feathers unsolved, or contacts far off, these and what 
 island: it goes the same way again in shorter steps, while all others keep what they got and move
 evenly from their old pose to their new one (multirate, the slowest first: Gear and Wells 1984). An
 island in which something is off again has smaller ones of its own, down to the shortest step. There
-contacts of what cannot be solved are left out.
+what finds no balance keeps its pose for the step, at rest.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Stepper:
     """Steps all feathers over a span, islands of trouble in shorter steps.
 
     spend: told the iterations of every try. tired: tells whose contacts are left out. yielded: (B,)
-    feathers whose contacts were left out so far.
+    feathers that found no balance, or whose contacts were left out so far.
     """
 
     def __init__(
@@ -80,18 +80,12 @@ class Stepper:
         self._spend, self._tired, self.yielded = spend, tired, tired()
 
     def step(
-        self,
-        states: Sequence[State],
-        span: StepSpan,
-        resting: Flags,
-        led: LedMotion | None = None,
-        left_out: Flags | None = None,
+        self, states: Sequence[State], span: StepSpan, resting: Flags, led: LedMotion | None = None
     ) -> Stepped:
         """The states after a span, of what is not led; its contact forces are kept."""
         solver, around = self._solver, self._around
         walls = around.bodies.walls(states, span.start, span.end, solver.settings.margin)
         tired = self._tired()
-        without = tired if left_out is None else left_out | tired
         loads, paths = around.loads(span.start, span.end), around.paths(span.start, span.end)
         new, reports, contact = solver.interval(
             states,
@@ -102,7 +96,7 @@ class Stepper:
             IntervalOptions(
                 span.substeps,
                 resting,
-                without if without.any() else None,
+                tired if tired.any() else None,
                 led,
                 EASY if span.can_be_cut() else MAX_CONTACT_ITERATIONS,
                 around.bodies.begun,
@@ -112,19 +106,13 @@ class Stepper:
         self._spend(reports, span.start)
         self.yielded |= self._tired()
         off = self._rules.off(reports, contact, span)
-        if not off.any():
-            solver.accept(jammed=self._rules.wrong(contact))
-            return Stepped(new, reports, [(span.length, contact)], 0)
-        if not span.can_be_cut():
-            failed = np.concatenate([report.status for report in reports]) != 0.0
-            if left_out is not None or not failed.any():
-                self._rules.give_up(reports, span.start)
-                solver.accept(jammed=self._rules.wrong(contact))
-                return Stepped(new, reports, [(span.length, contact)], 0)
-            self.yielded |= failed
-            again = self.step(states, span, resting, led, failed)
-            again.tries += 1
-            return again
+        if not off.any() or not span.can_be_cut():
+            stays = solver.held & solver.free & self._rules.hopeless(reports, contact)
+            self.yielded |= stays
+            _stay(new, reports, states, stays, span.length)
+            self._rules.give_up(reports, span.start)
+            solver.accept(but=stays)
+            return Stepped(new, reports, [(span.length, contact.but(stays))], 0)
         if led is None:
             nowhere = np.zeros((1, 1, 1, 3))
             free = np.ones(len(off), dtype=np.bool_)
@@ -174,6 +162,27 @@ class Stepper:
             island[pressed[near].ravel()] = True
             island &= free
         return free.copy() if island.sum() > LARGE * free.sum() else island
+
+
+def _stay(
+    new: Sequence[State],
+    reports: Sequence[StepReport],
+    states: Sequence[State],
+    stays: Flags,
+    duration: float,
+) -> None:
+    """Put bodies (B,) back to the pose from which a step (s) began, at rest; the next begins with
+    that pose seen from their roots. Thrown by forces that balance nothing, they would leap."""
+    first = 0
+    for to, report, state in zip(new, reports, states, strict=True):
+        own = np.flatnonzero(stays[first : first + len(state.time)])
+        first += len(state.time)
+        for f in own.tolist():
+            to.take(state, f)
+        for rates in to.rates():
+            rates[own] = 0.0
+        to.step[own], report.status[own] = 0.0, 0.0
+        to.time[own] += duration
 
 
 def _put(

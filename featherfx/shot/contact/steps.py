@@ -1,8 +1,8 @@
 """Lengths of the common steps of feathers that touch, within a frame.
 
 Where a step leaves a feather unsolved, contacts far off, or too large an error where feathers press
-each other, an island around these is stepped again in shorter steps (local_retry). Below the
-shortest that is allowed, the contacts of the feathers that fail yield for one step or are left out.
+each other, an island around these is stepped again in shorter steps (local_retry). In the
+shortest that is allowed, what finds no balance keeps its pose, at rest.
 """
 
 from __future__ import annotations
@@ -95,6 +95,11 @@ class StepRules:
     def wrong(self, contact: ContactReport) -> Flags:
         """(B,) bodies whose contacts are off by more than they should be."""
         return np.asarray(contact.off > _WRONG * self.thickness)
+
+    def hopeless(self, reports: Sequence[StepReport], contact: ContactReport) -> Flags:
+        """(B,) bodies that a step which is not cut leaves unsolved, or with contacts far off."""
+        status = np.concatenate([report.status for report in reports])
+        return np.asarray((status != 0.0) | (contact.off > BAD * self.thickness))
 
     def off(self, reports: Sequence[StepReport], contact: ContactReport, span: StepSpan) -> Flags:
         """(B,) bodies that are to be stepped over a span again, in shorter steps: not solved, with

@@ -103,7 +103,8 @@ class ContactSolver:
 
     solvers: of the batches, whose grids may differ. candidates: what may touch, by body (all
     feathers of the first batch, then the next). halves: m, half thickness per body. passed: pairs
-    (N, 2) of bodies that accept let pass, with their depths (N,), m.
+    (N, 2) of bodies that accept let pass, with their depths (N,), m. free: (B,) bodies that the
+    last interval solved; held: (B,) those whose roots are led.
     """
 
     def __init__(
@@ -131,7 +132,8 @@ class ContactSolver:
         self._thinnest = float(np.min(halves, initial=thickest))
         self._margin = settings.margin / thickest * np.asarray(halves)
         self._touching: tuple[Indices, ByBody] | None = None
-        self._free = np.ones(bodies, dtype=np.bool_)
+        self.free = np.ones(bodies, dtype=np.bool_)
+        self.held = np.concatenate([model.held for model in models])
         self._led = np.zeros(bodies, dtype=np.int8)
         self._deepest = np.broadcast_to(settings.deepest, bodies)
         self.passed: list[tuple[Indices, Array]] = []
@@ -190,7 +192,7 @@ class ContactSolver:
         self._led = (FOR_NOW * ~free).astype(np.int8)
         if led is not None:
             self._led[led.fixed] = FOR_GOOD
-        self._free, memory, rounds = free, self.memory, 0
+        self.free, memory, rounds = free, self.memory, 0
         stale = free.copy() if resting is None else free & ~resting
         before, forces = ContactSearch(new_touch(1), 0), np.zeros(self.grids.bodies)
         # what settles is stopped after each step, and headed nowhere
@@ -264,10 +266,10 @@ class ContactSolver:
         what touches them, those before are kept. Pairs that are in each other by more than the
         settings' deepest pass from now on, and are told by passed."""
         self._let_deep_pass(but, jammed)
-        kept = ~self._free if but is None else ~self._free | but
+        kept = ~self.free if but is None else ~self.free | but
         found_in = self._found_in._replace(surprise=self._surprise)
         new = self.found.remembered(self.candidates.order, found_in)
-        self.memory = self._joined(self.memory, new, kept, but is None) if kept.any() else new
+        self.memory = self._joined(self.memory, new, kept, but) if kept.any() else new
 
     def _let_deep_pass(self, but: Flags | None, jammed: Flags | None) -> None:
         """Let pairs pass that are too deep in each other; but, jammed: of accept."""
@@ -284,13 +286,14 @@ class ContactSolver:
             self.passed.append((self.candidates.pairs[pairs], depth[deep]))
 
     def _joined(
-        self, old: ContactMemory, new: ContactMemory, kept: Flags, led: bool
+        self, old: ContactMemory, new: ContactMemory, kept: Flags, but: Flags | None
     ) -> ContactMemory:
-        """Memories as one: the old of some bodies (B,), the new of the others. led: pairs of both
-        kinds go by the new one, else by the old."""
+        """Memories as one: the old of bodies that are kept (B,), the new of the others, by which
+        pairs of both kinds go, if none of them is of but (accept)."""
         _, rows, columns = old.wall.shape
-        guest, host = kept[self.candidates.pairs].T
-        stays = guest & host if led else guest | host
+        stays = kept[self.candidates.pairs].all(axis=1)
+        if but is not None:
+            stays |= but[self.candidates.pairs].any(axis=1)
         parts = [
             (each, stays[each.key // (rows * columns)] == is_old)
             for each, is_old in ((old, True), (new, False))
@@ -329,7 +332,7 @@ class ContactSolver:
         change = np.bincount(place, np.concatenate(force), len(both))
         blows = np.stack(np.divmod(both[change > 0.0], bodies))
         struck = np.zeros(bodies, dtype=np.bool_)
-        struck[blows[:, self._free[blows].all(axis=0)]] = True
+        struck[blows[:, self.free[blows].all(axis=0)]] = True
         return struck
 
     def depths(self) -> tuple[Indices, Indices, Array]:
@@ -357,7 +360,7 @@ class ContactSolver:
         struck = np.where(pressing > 0, _FIT, _STRUCK_FIT) * inertia
         elastic = _FIT * self._pull() / np.maximum(pressing, 1)
         impedance, leeway = struck + elastic, self._leeway(struck, elastic, run.duration)
-        impedance[~self._free] = leeway[~self._free] = _RIGID
+        impedance[~self.free] = leeway[~self.free] = _RIGID
         bodies = moving_bodies(run.start, run.now, impedance)
         self._found_in = memory._replace(inside=memory.inside.copy())
         search = SearchSettings(
@@ -371,7 +374,7 @@ class ContactSolver:
             turns,
             again,
         )
-        found = self._searcher.find(search, walls, before, stale, self._spare, self._free)
+        found = self._searcher.find(search, walls, before, stale, self._spare, self.free)
         if left_out is not None:
             found = found.without(left_out)
         self._spare, self.found = self.found.touch, found
@@ -405,8 +408,7 @@ class ContactSolver:
 
     def _pull(self) -> Array:
         """(B, n, 1 + 2 m) N/m, elastic stiffness of nodes towards a root that holds them."""
-        held = np.concatenate([solver.model.held for solver in self.solvers])
-        return np.where(held[:, None, None], self._elastic, 0.0)
+        return np.where(self.held[:, None, None], self._elastic, 0.0)
 
     def _inertia(self, duration: float) -> float:
         """1/s^2, stiffness of an implicit step over the mass."""
@@ -430,7 +432,7 @@ class ContactSolver:
         settings = self.settings
         touching = self._neighbours()
         count, island = islands_of(touching)
-        island[~self._free | run.failed() | lost] = -1
+        island[~self.free | run.failed() | lost] = -1
         marks = run.marks(island, stale, (self._led == FOR_GOOD).astype("i1"))
         islands = islands_before(count, island, limit_threads(self._team.jobs))
         room = 3 * int(np.diff(self._listed.first).max(initial=0))

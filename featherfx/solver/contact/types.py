@@ -353,6 +353,11 @@ class ContactReport:
     off: Array
     deep: Array
 
+    def but(self, bodies: Flags) -> ContactReport:
+        """The same without depths of some bodies (B,), which stay where they were."""
+        deep = np.where(bodies, 0.0, self.deep)
+        return replace(self, deep=deep, depth=float(deep.max()))
+
     def of(self, bodies: Flags) -> ContactReport:
         """The same with residual and depth of some bodies (B,) only."""
         off, deep = np.where(bodies, self.off, 0.0), np.where(bodies, self.deep, 0.0)
