@@ -291,9 +291,10 @@ class ContactSolver:
         """Memories as one: the old of bodies that are kept (B,), the new of the others, by which
         pairs of both kinds go, if none of them is of but (accept)."""
         _, rows, columns = old.wall.shape
-        stays = kept[self.candidates.pairs].all(axis=1)
+        guest, host = self.candidates.pairs.T
+        stays = kept[guest] & kept[host]
         if but is not None:
-            stays |= but[self.candidates.pairs].any(axis=1)
+            stays |= but[guest] | but[host]
         parts = [
             (each, stays[each.key // (rows * columns)] == is_old)
             for each, is_old in ((old, True), (new, False))
