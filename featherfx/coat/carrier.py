@@ -110,7 +110,8 @@ def refine(points: Array, faces: Indices, roots: Array, lengths: Array) -> tuple
     tree = search_tree(roots)
     for _ in range(_ROUNDS):
         pairs = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1), axis=-1)
-        edges, of_face = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
+        numbers, of_face = np.unique(pairs @ [len(points), 1], return_inverse=True)
+        edges = np.stack(np.divmod(numbers, len(points)), axis=1)
         a, b = points[edges[:, 0]], points[edges[:, 1]]
         size = np.linalg.norm(b - a, axis=1)
         away, near = tree.query(0.5 * (a + b))

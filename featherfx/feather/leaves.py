@@ -33,7 +33,7 @@ from featherfx.coat.fields import CoatSpacing, Follicles
 from featherfx.coat.sheets import raise_onto, sew_fan
 from featherfx.errors import count_feathers, warn_input
 from featherfx.feather.shapes import build_plane_feathers
-from featherfx.feather.types import Feather, FeatherSurface, RowPoints, stacked
+from featherfx.feather.types import Feather, FeatherSurface, RowPoints, share, stacked
 from featherfx.files.disk_cache import digest, kept
 from featherfx.groom.skin.skin import closest
 from featherfx.groom.types import Groom, Placement
@@ -58,7 +58,7 @@ _FEATHERS_AT_ONCE = 2000  # that are drawn, to bound the memory
 class LaidCoat:
     """A coat, how it was stacked, and what was drawn of it.
 
-    shapes: by number, grid, and the identity of the triangles of the feather that has the plane
+    shapes: by number, grid, and the identity of the directors of the feather that has the plane
     form, while they are in use. origin: by which digests know it.
     """
 
@@ -100,7 +100,7 @@ def lie_on_leaves(placements: Sequence[Placement], feathers: Sequence[Feather]) 
 
 
 def _key(placement: Placement, feather: Feather) -> tuple[int, int, int, int]:
-    return placement.leaf.number, feather.rows, feather.columns, id(feather.surface.triangles)
+    return placement.leaf.number, feather.rows, feather.columns, id(feather.rest.directors)
 
 
 def _bend(placements: Sequence[Placement], feathers: Sequence[Feather]) -> list[Feather]:
@@ -116,10 +116,10 @@ def _bend(placements: Sequence[Placement], feathers: Sequence[Feather]) -> list[
     nodes[:, 0, 0], directors[:, 0] = 0.0, np.eye(3)[1:]
     nodes.flags.writeable = directors.flags.writeable = False
     room = _MAX_HEIGHT * coat.fields.gap[coat.follicles.triangle]
-    trimmed: dict[int, tuple[Flags, Indices, FeatherSurface]] = {}  # by identity of triangles
+    trimmed: dict[int, tuple[Flags, Indices, FeatherSurface]] = {}  # by identity of directions
     bent = []
     for k, (feather, r) in enumerate(zip(feathers, numbers, strict=True)):
-        key = id(feather.surface.triangles)
+        key = id(feather.surface.barb_direction)
         if key not in trimmed:
             trimmed[key] = _without_base_fans(feather)
         cell, points, surface = trimmed[key]
@@ -143,15 +143,15 @@ def _without_base_fans(feather: Feather) -> tuple[Flags, Indices, FeatherSurface
     lips = number[surface.lips]
     own = replace(
         surface,
-        row=surface.row[points],
-        node=surface.node[points],
-        triangles=triangles.reshape(-1, 3),
-        part=surface.part[keep],
+        row=share(surface.row[points]),
+        node=share(surface.node[points]),
+        triangles=share(triangles.reshape(-1, 3)),
+        part=share(surface.part[keep]),
         barb_direction=surface.barb_direction[keep],
         st=surface.st[points],
-        lips=lips[lips[:, 0] >= 0],
+        lips=share(lips[lips[:, 0] >= 0]),
     )
-    return cell, points, own
+    return share(cell), share(points), own
 
 
 def _flat_offsets(feather: Feather, room: float) -> Array:

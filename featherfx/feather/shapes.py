@@ -31,6 +31,7 @@ from featherfx.feather.types import (
     both,
     make_read_only,
     scale_feather,
+    share,
 )
 from featherfx.files.disk_cache import Arrays, kept
 from featherfx.groom.types import Colour, FeatherKind, Placement
@@ -60,6 +61,8 @@ _STRUCTURES = "rest", "surface"
 _OWN = tuple(each.name for each in fields(Feather) if each.name not in _STRUCTURES)
 
 
+# arrays that many shapes have in common
+_TOPOLOGY = "cell", *(f"surface.{name}" for name in ("row", "node", "triangles", "part", "lips"))
 # where the arrays of a feather are
 _PATHS = (
     *_OWN,
@@ -158,6 +161,8 @@ def _unpacked(arrays: Mapping[str, Any], count: int) -> list[Feather]:
         for name, value in arrays.items()
         if not name.endswith(".shape")
     }
+    for name in _TOPOLOGY:
+        parts[name] = [*map(share, parts[name])]
     found = []
     for k in range(count):
         surface = FeatherSurface(**{name: parts[f"surface.{name}"][k] for name in _SURFACE})

@@ -17,10 +17,12 @@ serves positions, velocities and accelerations.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from itertools import repeat
 from typing import Any, NamedTuple
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -315,6 +317,22 @@ def make_read_only(record: Any) -> None:
             continue
         for array in value if isinstance(value, RowPoints) else (value,):
             array.flags.writeable = False
+
+
+_SHARED: WeakValueDictionary[tuple[Any, ...], Any] = WeakValueDictionary()
+
+
+def share(values: NDArray[Any]) -> NDArray[Any]:
+    """The one array of this content that is in use, to which nobody writes: feathers of one grid
+    differ in shape, but hardly in topology."""
+    content = hashlib.blake2b(np.ascontiguousarray(values).data).digest()
+    key = values.shape, values.dtype.str, content
+    found = _SHARED.get(key)
+    if found is None:
+        found = values.copy()  # not what it is a part of
+        found.flags.writeable = False
+        _SHARED[key] = found
+    return found
 
 
 def scale_feather(feather: Feather, size: float) -> Feather:

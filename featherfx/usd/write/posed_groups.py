@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from featherfx import usd
 from featherfx.algebra.types import Array, Flags, Floats, Indices
-from featherfx.feather.types import RowPoints
+from featherfx.feather.types import RowPoints, share
 from featherfx.shot.frames import FeatherPose
 from featherfx.usd.arrays import InPlace, new_integers, new_rotations, new_scalars, new_vectors
 from featherfx.usd.types import (
@@ -112,10 +112,10 @@ class _JoinedBlock:
         )
         self._count, none = int(starts[-1]), read_only(np.zeros((0, 2)))
         self._drawn = DrawnSurface(
-            row=read_only(_offset_indices([each.row for each in surfaces], rows)),
-            node=read_only(np.concatenate([each.node for each in surfaces])),
+            row=share(_offset_indices([each.row for each in surfaces], rows)),
+            node=share(np.concatenate([each.node for each in surfaces])),
             offset=read_only(np.concatenate([each.offset for each in surfaces]), np.float64),
-            triangles=read_only(_offset_indices([each.triangles for each in surfaces], starts)),
+            triangles=share(_offset_indices([each.triangles for each in surfaces], starts)),
             edges=_offset_indices([each.edges for each in surfaces], starts).astype(np.int32),
             lips=none,
             world=none,
