@@ -112,6 +112,17 @@ def test_rachis_and_barbs_are_as_long_as_those_of_the_kind(patch, grid):
         assert np.abs(bent.surface.offset[:, 1]).max() <= np.abs(flat.surface.offset[:, 1]).max()
 
 
+def test_feathers_of_one_topology_share_it_and_those_of_a_leaf_keep_their_kinds(patch):
+    *_, groom = patch
+    one = next(each for each in groom.feathers if each.leaf is not None)
+    other = replace(one, kind=adjusted(one.kind, Change(angle=10.0)), prototype=None)
+    (first,), (second,) = (build_feathers([each], 9, 3) for each in (one, other))
+    for a, b in ((first, second), build_plane_feathers([one, other], 9, 3)):
+        assert a.surface.triangles is b.surface.triangles
+        assert not a.surface.triangles.flags.writeable
+    assert np.abs(first.rest.nodes - second.rest.nodes).max() > 1e-4
+
+
 def test_a_map_between_grids_leads_from_leaf_to_leaf(patch):
     """And its rates are those of what it gives."""
     _, _, laid = patch
