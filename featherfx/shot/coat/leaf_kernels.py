@@ -10,9 +10,10 @@ pose of a shot, the nearer they are, in every pose, to where the root alone carr
 changed with the pose would let it jump.
 
 Images are stretched as the skin is, so they give directions. The rachis runs along the polyline of
-its images in chords of its own lengths. A barb runs likewise along images of barbs where its row
-comes to lie, at its own angle: where skin is squeezed, vanes follow that beneath them. Turns
-within the vane are about the normals of the rows, rolls about their tangents.
+its images in chords of its own lengths, from a quill that does not bend. A barb runs likewise along
+images of barbs where its row comes to lie, at its own angle: where skin is squeezed, vanes follow
+that beneath them. Turns within the vane are about the normals of the rows, rolls about their
+tangents.
 """
 
 from math import atan2, cos, sin, sqrt
@@ -311,19 +312,39 @@ def _chord(start, end, size, other):
 
 
 @kernel
-def _draw_rachis(steps, room):
-    """Rachis along the polyline of its images, in chords of its own lengths (n - 1)."""
+def _draw_quill(carried, f, last, at, way, room):
+    """Rows before the last of a quill, which is as at rest, from at along a unit vector."""
+    nodes, turn = carried.nodes[f], carried.rotations[f]
+    axes = _column(turn, 0), _column(turn, 1), _column(turn, 2)
+    before = unit(_from_axes(sub(nodes[last, 0], nodes[0, 0]), axes))
+    about, near = cross(before, way), max(1.0 + dot(before, way), _NO_LENGTH)
+    for i in range(1, last):
+        own = _from_axes(sub(nodes[i, 0], nodes[0, 0]), axes)
+        aside = cross(about, own)
+        moved = add(own, combined(1.0, aside, 1.0 / near, cross(about, aside)))
+        store(room.rachis[i], combined(1.0, at, 1.0, moved))
+        room.row[i], room.part[i] = i, 0.0
+
+
+@kernel
+def _draw_rachis(steps, carried, f, bare, room):
+    """Rachis along the polyline of its images, in chords of its own lengths (n - 1), the first of
+    them that of its quill, before row bare."""
     rows, k, way = room.rachis.shape[0], 0, (1.0, 0.0, 0.0)
     store(room.rachis[0], room.image[0, 0])
     room.row[0], room.part[0] = 0, 0.0
-    for i in range(1, rows):
+    for i in range(max(bare, 1), rows):
         at, size = room.rachis[i - 1], steps[i - 1]
+        if i == bare:
+            at, size = room.rachis[0], length(sub(carried.nodes[f, i, 0], carried.nodes[f, 0, 0]))
         while k < rows - 2 and length(sub(room.image[k + 1, 0], at)) < _NEARER * size:
             k += 1
         start, end = room.image[k, 0], room.image[k + 1, 0]
         room.part[i], way = _chord(sub(start, at), sub(end, at), size, way)
         store(room.rachis[i], combined(1.0, at, size, way))
         room.row[i] = k
+        if i == bare:
+            _draw_quill(carried, f, bare, (at[0], at[1], at[2]), way, room)
 
 
 @kernel
@@ -335,16 +356,22 @@ def _frame(along, up):
 
 
 @kernel
-def _place_of(room, i, pieces):
-    """Image row before a drawn row, and how far on to the next it is; no farther than rows whose
-    barbs have pieces (2, n, m) of a length."""
+def _find_barbed(pieces):
+    """First and last row whose barbs have pieces (2, n, m) of a length."""
     first, last = 0, pieces.shape[1] - 1
     while first < last and pieces[0, first, 0] + pieces[1, first, 0] == 0.0:
         first += 1
     while first < last and pieces[0, last, 0] + pieces[1, last, 0] == 0.0:
         last -= 1
-    place = min(max(room.row[i] + min(room.part[i], 1.0), float(first)), float(last))
-    k = min(int(place), last - 1)
+    return first, last
+
+
+@kernel
+def _place_of(room, i, barbed):
+    """Image row before a drawn row, and how far on to the next it is; within barbed rows."""
+    place = room.row[i] + min(room.part[i], 1.0)
+    place = min(max(place, float(barbed[0])), float(barbed[1]))
+    k = min(int(place), barbed[1] - 1)
     return k, place - k
 
 
@@ -433,7 +460,8 @@ def draw_over(carrier, leaves, carried, motion, made, room, low, high):
         b, roll = motion.order[f], motion.roll[f]
         _draw_images(carrier, leaves, f, room)
         _bridge(carried, f, room)
-        _draw_rachis(leaves.steps[f], room)
+        barbed = _find_barbed(leaves.pieces[f])
+        _draw_rachis(leaves.steps[f], carried, f, barbed[0], room)
         _find_turns(motion, f, b, room.turns)
         first = room.rachis[0]
         at = first[0], first[1], first[2]
@@ -444,7 +472,7 @@ def draw_over(carrier, leaves, carried, motion, made, room, low, high):
             for k in range(2):
                 own = _from_axes(leaves.directors[f, i, k], axes)
                 store(directors[f, i, k], _turned(own, axes, turn))
-            k, part = _place_of(room, i, leaves.pieces[f])
+            k, part = _place_of(room, i, barbed)
             one, two = (_stretch(room, leaves.steps[f], k), _stretch(room, leaves.steps[f], k + 1))
             ahead = scale(1.0 / ((1.0 - part) * one + part * two), frame[0])
             imaged = ahead, frame[1], frame[2]
