@@ -1,6 +1,11 @@
 """Sheets of feathers that a coat lies on: fans of tails, and coverts of folded wings.
 
-A skin rises to coverts that lie over it as a ramp, so that feathers before them lie on them.
+A skin rises to coverts that lie over it as a membrane that they bear, so that feathers before them
+lie on them. Its height h over the skin, with c along the flow f and b across it, is
+
+    int h^2 + (c f . grad h)^2 + b^2 (|grad h|^2 - (f . grad h)^2) = min,   h >= H at coverts
+
+and 0 under what hides the skin. As b is less than c, it falls steeply beside the coverts.
 
 A fan is sewn to the skin that it stands in. Skin behind the roots of the fan is cut out. A tube of
 rings, each around all feathers there, is sewn to the loop that is left and closed at the tips. Its
@@ -21,15 +26,17 @@ Ways n from a hollow skin meet at the height H where det (1 + H grad n) = 0.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from featherfx.algebra.triangulation import (
+    factorise,
     find_edges,
     find_vertex_normals,
     make_elements,
     make_smoother,
+    make_stiffness,
     spread_heights,
 )
 from featherfx.algebra.types import Array, Flags, Indices
@@ -44,10 +51,12 @@ from featherfx.groom.skin.skin import closest
 _AHEAD, _MAX_ASIDE = (0.1, 0.0), 0.6
 _CLEARANCE = 0.01  # of the fan's length, of the sheet from the feathers
 _STATION = 0.03  # of the fan's length, between rings
-_SLOPE, _STEEP = 0.5, 2.0  # of a ramp onto coverts, and of that below feathers behind them
-# of the height of the highest covert: of the top of a ramp over these, and reach of its smoothing
-_OVER, _REACH = 0.12, 0.3
-_TRIES = 2  # in which the feet of feathers are found along ways up
+# of the height of the highest point that a membrane lies on: its rise over these, its reaches along
+# and across the flow, and that of its smoothing; fewest feathers of three birds cross wings so
+_OVER, _ALONG, _ACROSS, _REACH = 0.06, 2.0, 0.6, 0.1
+_STEEPNESS = 0.5  # of what a membrane lies on, to the corners of triangles around
+_MAX_ROUNDS = 40  # in which a membrane finds what bears it; usually 5 to 8
+_TRIES = 4  # in which the feet of feathers are found along ways up
 # exponent of a ring's section, of an ellipse 2 as at the loop; of the fan's length, until it is so
 _ROUNDNESS, _FLATTENING = 4.0, 0.25
 
@@ -62,30 +71,75 @@ class _FanAxes(NamedTuple):
     length: float
 
 
-def raise_onto(points: Array, faces: Indices, above: Array, hidden: Array) -> Array:
-    """The points of a skin, raised smoothly to feathers that lie over it.
+class BearingPoints(NamedTuple):
+    """Points of feathers that lie over a skin, (N, 3) m each.
+
+    always: of those that bear its coat. shown: of those that bear it where none of hidden lies over
+    the skin, too. hidden: of those that hide the skin.
+    """
+
+    always: Array
+    shown: Array
+    hidden: Array
+
+
+def raise_onto(points: Array, faces: Indices, onto: BearingPoints, flow: Array) -> Array:
+    """The points of a skin, raised as a membrane to feathers that lie over it.
 
     Ways up are normals smoothed by as much as the skin rises, so that they do not meet over a
-    crease. points: (V, 3) m, each place once. faces: (T, 3). above: (N, 3) m, points of these
-    feathers. hidden: (M, 3) m, points over where it is not raised but under these feathers.
+    crease. points: (V, 3) m, each place once. faces: (T, 3). flow: (3,), the way of the feathers.
     """
-    triangle, place = closest(above, points[faces])
-    away = above - np.einsum("nk,nkc->nc", place, points[faces[triangle]])
+    triangle, place = closest(onto.always, points[faces])
+    away = onto.always - np.einsum("nk,nkc->nc", place, points[faces][triangle])
     elements = make_elements(points, faces)
-    masses = elements.masses[:, None]
-    normals = masses * find_vertex_normals(points, faces)
+    normals = elements.masses[:, None] * find_vertex_normals(points, faces)
     ways = unit(make_smoother(elements, faces, np.linalg.norm(away, axis=1).max())(normals))
-    corners, foot, height = _find_heights(points, faces, ways, above)
-    height += _OVER * height.max()
-    feet = points, faces, corners, foot
-    rise = _ramp(*feet, height, _SLOPE)
-    corners, foot, _ = _find_heights(points, faces, ways, hidden)
-    rise = np.minimum(rise, -_ramp(points, faces, corners, foot, np.zeros(len(foot)), _SLOPE))
-    rise = np.maximum(np.maximum(rise, 0.0), _ramp(*feet, height, _STEEP))
-    smooth = make_smoother(elements, faces, _REACH * rise.max())
+    always, shown, hidden = (_find_heights(points, faces, ways, each) for each in onto)
+    top = max(height.max(initial=0.0) for _, _, height in (always, shown))
+    least, other = (_find_least(points, each, _OVER * top) for each in (always, shown))
+    corners, _, height = hidden
+    held = np.zeros(len(points), dtype=bool)
+    held[corners[height > 0.0]] = True
+    held &= least == 0.0
+    least = np.where(held, 0.0, np.maximum(least, other))
+    along = unit(flow - (elements.normals @ flow)[:, None] * elements.normals)
+    along = np.eye(3) + (_ALONG**2 / _ACROSS**2 - 1.0) * along[:, :, None] * along[:, None]
+    tension = make_stiffness(elements, faces, (_ACROSS * top) ** 2 * along)
+    rise = _stretch(elements.masses, tension, least, held)
+    smooth = make_smoother(elements, faces, _REACH * top)
     soft = smooth(elements.masses * rise)
     soft += smooth(elements.masses * np.maximum(rise - soft, 0.0))
     return np.asarray(points + soft[:, None] * ways)
+
+
+def _find_least(points: Array, feet: tuple[Indices, Array, Array], over: float) -> Array:
+    """Return (V,) m, the least heights of a membrane that lies m over points of some heights."""
+    (corners, foot, height), least = feet, np.zeros(len(points))
+    for own in corners.T:
+        fall = _STEEPNESS * np.linalg.norm(points[own] - foot, axis=1)
+        np.maximum.at(least, own, height + over - fall)
+    return least
+
+
+def _stretch(masses: Array, tension: Any, least: Array, held: Flags) -> Array:
+    """Return (V,) m, a membrane over least heights (V,) m; it is 0 where held.
+
+    By active sets of primal and dual (Hintermueller, Ito and Kunisch 2003).
+    """
+    from scipy.sparse import diags_array
+
+    matrix = (diags_array(masses) + tension).tocsr()
+    bears = least > 0.0
+    for _ in range(_MAX_ROUNDS):
+        free = np.flatnonzero(~(bears | held))
+        rise = np.where(bears, least, 0.0)
+        own = matrix[free]
+        rise[free] = -factorise(own[:, free])(own @ rise)
+        before = bears
+        bears = ~held & np.where(bears, matrix @ rise > 0.0, rise < least)
+        if (bears == before).all():
+            break
+    return rise
 
 
 def _find_heights(
@@ -101,18 +155,6 @@ def _find_heights(
         height = dots(own - foot, unit(way))
         at = own - height[:, None] * unit(way)
     return corners, foot, height
-
-
-def _ramp(
-    points: Array, faces: Indices, corners: Indices, foot: Array, height: Array, slope: float
-) -> Array:
-    """(V,) m, the least heights of a skin over heights (N,) m at feet from which they fall by a
-    slope."""
-    found = np.full(len(points), -np.inf)
-    for own in corners.T:
-        away = np.linalg.norm(points[own] - foot, axis=1)
-        np.maximum.at(found, own, height - slope * away)
-    return spread_heights(points, faces, found, slope)
 
 
 def sew_fan(points: Array, faces: Indices, nodes: Array, others: Array) -> tuple[Array, Indices]:

@@ -30,7 +30,7 @@ from featherfx.coat.coat import (
     stack,
 )
 from featherfx.coat.fields import CoatSpacing, Follicles
-from featherfx.coat.sheets import raise_onto, sew_fan
+from featherfx.coat.sheets import BearingPoints, raise_onto, sew_fan
 from featherfx.errors import count_feathers, warn_input
 from featherfx.feather.shapes import build_plane_feathers
 from featherfx.feather.types import Feather, FeatherSurface, RowPoints, share, stacked
@@ -42,7 +42,10 @@ from featherfx.groom.types import Groom, Placement
 _MAX_DISTANCE = 0.05
 # of the longest of a tail, from its roots to a skin that it does not stand on
 _FAN_REACH = 0.25
-_BEHIND = 0.4  # of the longest feather of a wing, from roots, where it hides skin without coverts
+_ARM = 0.45  # of the way from forearm to hand, up to where feathers are of the arm
+# of the longest feather of a wing, from roots: up to where those of the arm bear the coat, and from
+# where those of the hand hide it; fewest feathers of pigeon, gull and sparrow cross wings so
+_BEARING, _BEHIND = 0.4, 0.35
 _SHORTEST_OF_FAN = 0.75  # of the longest of a tail, feathers that are not its coverts
 # of the diameter of the rachis at its base: a follicle lies so deep in the skin
 _DEPTH = 0.6
@@ -239,10 +242,8 @@ def _grow(groom: Groom, chosen: Sequence[Placement]) -> tuple[LaidCoat, PlaneFor
     points, faces = _sew_tails(groom, *refine(*weld(skin), roots, length))
     onto = [each for each in groom.feathers if each.grown and each.turning is not None]
     if onto:
-        rows = _nodes_of([each for each in groom.feathers if each.turning and not each.grown])
-        away = np.linalg.norm(rows - rows[:, :1, :1], axis=3)
-        hidden = rows[away > _BEHIND * away.max()]
-        how = points, faces, _nodes_of(onto).reshape(-1, 3), hidden
+        flow = np.mean([each.rotation[:, 0] for each in onto], axis=0)
+        how = points, faces, _find_bearers(groom, onto), flow
         points = kept("raised", how, lambda: {"points": raise_onto(*how)})["points"]
     triangle, place = closest(roots, points[faces])
     foot = np.einsum("fk,fkc->fc", place, points[faces][triangle])
@@ -263,6 +264,21 @@ def _grow(groom: Groom, chosen: Sequence[Placement]) -> tuple[LaidCoat, PlaneFor
     forms = plane_forms(chosen, build_plane_feathers(chosen, *_FOOTPRINT))
     coat = grow_coat(points, faces, follicles, CoatSpacing(layout.thickness, layout.gap))
     return LaidCoat(*stack(coat, forms)), forms
+
+
+def _find_bearers(groom: Groom, onto: Sequence[Placement]) -> BearingPoints:
+    """Points of folded wings that the coat lies on. onto: their loose coverts."""
+    joints = {each.turning.joints for each in onto}
+    rows = [
+        each
+        for each in groom.feathers
+        if each.turning and each.turning.joints in joints and not each.grown
+    ]
+    nodes = _nodes_of(rows)
+    away = np.linalg.norm(nodes - nodes[:, :1, :1], axis=3)
+    arm = np.array([each.turning.fraction < _ARM for each in rows])[:, None, None]
+    near = away <= np.where(arm, _BEARING, _BEHIND) * away.max()
+    return BearingPoints(_nodes_of(onto).reshape(-1, 3), nodes[near & arm], nodes[~near])
 
 
 def _nodes_of(placements: Sequence[Placement]) -> Array:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from featherfx.algebra.vectors import from_rotation_vector
-from featherfx.coat.sheets import raise_onto, sew_fan
+from featherfx.coat.sheets import BearingPoints, raise_onto, sew_fan
 
 LENGTH = 0.15
 
@@ -84,9 +84,14 @@ def test_a_skin_that_no_loop_cuts_stays_as_it_is():
     assert still is faces
 
 
+NONE, FLOW = np.zeros((0, 3)), np.array([1.0, 0.0, 0.0])
+
+
 def plate_over(points, height):
-    plate = np.abs(points[:, :2]).max(axis=1) < 0.021
-    return plate, points[plate] + (0.0, 0.0, height)
+    """Which points a square plate covers, and points of it."""
+    x, y = np.meshgrid(*[np.linspace(-0.02, 0.02, 33)] * 2)
+    above = np.stack([x, y, np.full_like(x, height)], axis=-1).reshape(-1, 3)
+    return np.abs(points[:, :2]).max(axis=1) < 0.021, above
 
 
 def square(across=0.0):
@@ -104,22 +109,25 @@ def test_a_skin_rises_to_feathers_over_it_as_a_ramp():
     x, y = points[:, :2].T
     plate, above = plate_over(points, 0.01)
     hidden = (np.abs(y) < 0.03) & (x > 0.027)
-    raised = raise_onto(points, faces, above, points[:1])
+    raised = raise_onto(points, faces, BearingPoints(above, NONE, NONE), FLOW)
     rise = raised[:, 2]
     np.testing.assert_allclose(raised[:, :2], points[:, :2], atol=1e-12)
     assert 0.0095 < rise[plate].min() < rise.max() < 0.0115  # m
-    assert np.abs(rise[np.hypot(x, y) > 0.075]).max() < 2e-4
+    assert np.abs(rise[(np.abs(x) > 0.095) | (np.abs(y) > 0.045)]).max() < 5e-4
     assert np.abs(np.diff(rise.reshape(41, 41), axis=0)).max() < 0.005
-    under = raise_onto(points, faces, above, points[hidden] + (0.0, 0.0, 0.008))[:, 2]
+    beside = points[hidden] + (0.0, 0.0, 0.008)
+    under = raise_onto(points, faces, BearingPoints(above, beside, beside), FLOW)[:, 2]
     assert under[hidden].max() < 0.3 * rise[hidden].max()
     assert under[plate].min() > 0.009
+    shown = raise_onto(points, faces, BearingPoints(above, beside, NONE), FLOW)[:, 2]
+    assert shown[hidden].min() > 0.0075
 
 
 def test_a_skin_that_rises_over_a_crease_does_not_fold():
     """Normals of a valley meet below a plate that is high over it."""
     points, faces = square(across=0.6)
-    _, above = plate_over(points * (1.0, 1.0, 0.0), 0.03)
-    raised = raise_onto(points, faces, above, points[:1])
+    _, above = plate_over(points, 0.03)
+    raised = raise_onto(points, faces, BearingPoints(above, NONE, NONE), FLOW)
     a, b, c = raised[faces].transpose(1, 0, 2)
     assert np.cross(b - a, c - a)[:, 2].min() > 0.0
     assert raised[:, 2][np.abs(points[:, :2]).max(axis=1) < 0.015].min() > 0.026
