@@ -268,15 +268,12 @@ def _grow(groom: Groom, chosen: Sequence[Placement]) -> tuple[LaidCoat, PlaneFor
 
 def _find_bearers(groom: Groom, onto: Sequence[Placement]) -> BearingPoints:
     """Points of folded wings that the coat lies on. onto: their loose coverts."""
-    joints = {each.turning.joints for each in onto}
-    rows = [
-        each
-        for each in groom.feathers
-        if each.turning and each.turning.joints in joints and not each.grown
-    ]
-    nodes = _nodes_of(rows)
+    joints = {each.turning.joints for each in onto if each.turning}
+    turns = [(each, each.turning) for each in groom.feathers if each.turning and not each.grown]
+    rows = [(each, turning) for each, turning in turns if turning.joints in joints]
+    nodes = _nodes_of([each for each, _ in rows])
     away = np.linalg.norm(nodes - nodes[:, :1, :1], axis=3)
-    arm = np.array([each.turning.fraction < _ARM for each in rows])[:, None, None]
+    arm = np.array([turning.fraction < _ARM for _, turning in rows])[:, None, None]
     near = away <= np.where(arm, _BEARING, _BEHIND) * away.max()
     return BearingPoints(_nodes_of(onto).reshape(-1, 3), nodes[near & arm], nodes[~near])
 
