@@ -349,8 +349,8 @@ def _warn_of_crossed(crossed: Sequence[Mapping[str, Any]], laid: bool) -> None:
     helps = (
         "Move or turn one, or take a finer quality, which draws a [layout] more closely"
         if laid
-        else "In a row give all the same larger `roll`, so that each lies over the next; in a groom"
-        " with regions add a [layout] table, which lays them; else move one"
+        else "Move one, or give a row a larger `roll`, so that each lies over the next. A [layout]"
+        " lays feathers of regions"
     )
     if crossed:
         first, more = crossed[0], len(crossed) - 1
