@@ -43,6 +43,7 @@ from featherfx.algebra.types import Array, Flags, Indices
 from featherfx.algebra.vectors import dots, unit
 from featherfx.coat.coat import Coat
 from featherfx.coat.leaf_kernels import DOWN_SHARE, HINGE
+from featherfx.errors import warn_input
 from featherfx.groom.skin.field import search_tree
 from featherfx.groom.skin.skin import closest
 
@@ -138,7 +139,11 @@ def _stretch(masses: Array, tension: Any, least: Array, held: Flags) -> Array:
         before = bears
         bears = ~held & np.where(bears, matrix @ rise > 0.0, rise < least)
         if (bears == before).all():
-            break
+            return rise
+    warn_input(
+        f"the coat onto a folded wing found no rest in {_MAX_ROUNDS} rounds and may stand off it."
+        " Give the skin beneath the wing a more even mesh"
+    )
     return rise
 
 

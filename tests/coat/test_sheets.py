@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from featherfx.algebra.vectors import from_rotation_vector
+from featherfx.coat import sheets
 from featherfx.coat.sheets import BearingPoints, raise_onto, sew_fan
+from featherfx.errors import InputWarning
 
 LENGTH = 0.15
 
@@ -121,6 +123,14 @@ def test_a_skin_rises_to_feathers_over_it_as_a_ramp():
     assert under[plate].min() > 0.009
     shown = raise_onto(points, faces, BearingPoints(above, beside, NONE), FLOW)[:, 2]
     assert shown[hidden].min() > 0.0075
+
+
+def test_a_skin_that_finds_no_rest_under_feathers_is_told(monkeypatch):
+    monkeypatch.setattr(sheets, "_MAX_ROUNDS", 1)
+    points, faces = square()
+    _, above = plate_over(points, 0.01)
+    with pytest.warns(InputWarning, match="found no rest in 1 rounds"):
+        raise_onto(points, faces, BearingPoints(above, NONE, NONE), FLOW)
 
 
 def test_a_skin_that_rises_over_a_crease_does_not_fold():

@@ -187,10 +187,9 @@ class ContactSolver:
         )
         if not settling:
             run.alone = run.like_free(self.settings.newton, self.settings.frame)
-        if led is not None:
-            run.start[~free], run.now[~free] = led.start[~free], led.end[~free]
         self._led = (FOR_NOW * ~free).astype(np.int8)
         if led is not None:
+            run.start[~free], run.now[~free] = led.start[~free], led.end[~free]
             self._led[led.fixed] = FOR_GOOD
         self.free, memory, rounds = free, self.memory, 0
         stale = free.copy() if resting is None else free & ~resting
